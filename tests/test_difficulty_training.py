@@ -23,6 +23,7 @@ from judge_difficulty import judge_networks  # noqa: E402
 from network_training import (  # noqa: E402
     NetworkConfig,
     NetworkTraining,
+    targets_of,
     train_model,
     train_network,
 )
@@ -38,7 +39,7 @@ def test_training_repeats_and_numpy_evaluates_it_as_torch_does(worlds):
     few = {number: worlds[number] for number in list(worlds)[::2]}
     inputs = inputs_of(few.values())
     trials = make_trials(few)
-    targets = np.concatenate([trials.mean_times(), trials.failure_rates()], axis=1)
+    targets = targets_of(trials)
     config = NetworkConfig(filters=8, epochs=60, batch=10, dropout=0.0)
     first, again = (train_network(inputs, targets, 3, config) for _ in range(2))
     assert (first(inputs) == again(inputs)).all()

@@ -104,14 +104,12 @@ def protocols(name: str | None, as_json: bool) -> None:
 
 def _print_planners(as_json: bool) -> None:
     """Print all planners with their presets as a table or as JSON."""
-    content = []
-    rows = []
+    entries = []
     for name in planner_names():
         entry = planner_entry(name)
-        presets = list(entry.presets)
-        content.append({"planner": name, "presets": presets, "summary": entry.summary})
-        rows.append((name, ", ".join(presets), entry.summary))
-    print_output(as_json, content, table(("planner", "presets", "what it is"), rows))
+        presets = tuple(entry.presets)
+        entries.append({"planner": name, "presets": presets, "summary": entry.summary})
+    print_output(as_json, entries, _entries_table(entries))
 
 
 def _print_robots(as_json: bool) -> None:
@@ -133,7 +131,7 @@ def _print_robots(as_json: bool) -> None:
 
 
 def _entries_table(
-    entries: list[dict[str, Any]], numbers: Iterable[str]
+    entries: list[dict[str, Any]], numbers: Iterable[str] = ()
 ) -> FittedTable:
     """Return a table of entries with the same keys; columns of numbers go right."""
     columns = [f">{key}" if key in numbers else key for key in entries[0]]

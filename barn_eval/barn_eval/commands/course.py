@@ -14,8 +14,9 @@ from barn_eval.commands.options import (
     path_argument,
     print_notes,
     print_output,
+    robot_option,
 )
-from barn_eval.commands.tables import table
+from barn_eval.commands.tables import decimals_text, table
 from barn_worlds.drawing.plan import PlanConfig
 from barn_worlds.formats.world_yaml import ENDING, write_world_yaml
 from barn_worlds.worlds.world import World
@@ -24,9 +25,6 @@ _MOST_ROWS = 10
 
 dataset_option = click.option(
     "--dataset", default="barn300", help="Data set, or file, that has the world."
-)
-robot_option = click.option(
-    "--robot", default="jackal", help="A name (see barn robots) or a YAML file."
 )
 
 
@@ -119,7 +117,7 @@ def survey(
         {"world": world.name, "datum": result.datum, "obstacles": records},
         table(
             ("number", *(f">{name}" for name in farthest.columns)),
-            [list(map(_format, row)) for row in farthest.itertuples()],
+            [list(map(decimals_text, row)) for row in farthest.itertuples()],
             title=f"{world.name}: {is_sure.sum()} of {len(content)} located",
             caption=f"the {len(farthest)} farthest off; the course as a whole is placed"
             f" by the {result.datum}",
@@ -129,8 +127,3 @@ def survey(
     if out is not None:
         write_world_yaml(result.built_world(), out)
         print_notes(out)
-
-
-def _format(value: object) -> str:
-    """Return a float as text with two decimals, any other value as it is."""
-    return f"{value:.2f}" if isinstance(value, float) else str(value)

@@ -48,6 +48,12 @@ worlds_option = click.option(
     "--worlds", "select", default="all", help="Which, such as 0-49."
 )
 
+robot_option = click.option(
+    "--robot",
+    default="jackal",
+    help="Name (see barn robots) or YAML file of the robot that drives.",
+)
+
 
 def field_option(
     config: object, name: str, default: str = "", short: str = ""
@@ -189,20 +195,6 @@ run_option = click.option(
 )
 
 
-def _parse_courses(
-    _: click.Context, __: click.Parameter, texts: tuple[str, ...]
-) -> tuple[tuple[float, ...], ...]:
-    """Return the numbers of each course."""
-    return tuple(map(_read_course, texts))
-
-
-def _parse_course(
-    _: click.Context, __: click.Parameter, text: str | None
-) -> tuple[float, ...] | None:
-    """Return the numbers of a course; None without text."""
-    return None if text is None else _read_course(text)
-
-
 def _read_course(text: str) -> tuple[float, ...]:
     """Return the 5 or 6 numbers of "X,Y,YAW:X,Y[,YAW]" [m, rad]."""
     start, colon, goal = text.partition(":")
@@ -221,15 +213,16 @@ def _read_course(text: str) -> tuple[float, ...]:
     return numbers
 
 
-_course_option = partial(click.option, "--course", metavar="X,Y,YAW:X,Y")
+_course_option = partial(
+    click.option, "--course", type=_read_course, metavar="X,Y,YAW:X,Y"
+)
 _COURSE_HELP = (
     "Start and goal in every world, in m and rad [default: the world's own, else the"
     " protocol's]"
 )
-course_option = _course_option(callback=_parse_course, help=f"{_COURSE_HELP}.")
+course_option = _course_option(help=f"{_COURSE_HELP}.")
 courses_option = _course_option(
     multiple=True,
-    callback=_parse_courses,
     help=f"{_COURSE_HELP}; of several, each is a world.",
 )
 

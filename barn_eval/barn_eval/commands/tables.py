@@ -134,25 +134,20 @@ def quantities_table(
         title: Line above the table.
         excluded: Names of quantities, without their section, that are left out.
     """
-    columns = ("quantity", "value", "unit", "meaning")
-    return table(columns, _quantities(config, excluded), title=title)
-
-
-def _quantities(
-    config: object, excluded: Iterable[str]
-) -> Iterator[tuple[str, str, str, str]]:
-    """Yield dotted name, value, unit and meaning of each quantity of a configuration.
-
-    A quantity that a robot does not have is "-".
-    """
+    rows = []
     for name, quantity, value in fields_of(config):
         if name.rpartition(".")[2] not in excluded:
-            text = "-" if value is None else value_text(value)
-            yield name, text, quantity.unit, quantity.description
+            rows.append((name, value_text(value), quantity.unit, quantity.description))
+    return table(("quantity", "value", "unit", "meaning"), rows, title=title)
 
 
 def value_text(value: object) -> str:
-    """Return a value as text: floats with five digits, tuples joined by commas."""
+    """Return a value as text: floats with five digits, tuples joined by commas.
+
+    A value that a robot does not have, None, is "-".
+    """
+    if value is None:
+        return "-"
     if isinstance(value, tuple):
         parts = []
         for part in value:
@@ -162,6 +157,11 @@ def value_text(value: object) -> str:
             parts.append(text)
         return ", ".join(parts)
     return f"{value:.5g}" if isinstance(value, float) else str(value)
+
+
+def decimals_text(value: object) -> str:
+    """Return a float as text with two decimals, any other value as it is."""
+    return f"{value:.2f}" if isinstance(value, float) else str(value)
 
 
 def _fit(columns: Sequence[Column], width: int) -> list[Column]:

@@ -15,17 +15,12 @@ from barn_eval.commands.options import (
     print_notes,
     print_output,
     progress_bar,
+    robot_option,
     worlds_option,
 )
-from barn_eval.commands.tables import table
+from barn_eval.commands.tables import decimals_text, table
 from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.datasets.generate import WorldParameters
-
-robot_option = click.option(
-    "--robot",
-    default="jackal",
-    help="Robot that paths are planned for: a name (see barn robots) or a YAML file.",
-)
 
 
 @click.group("worlds")
@@ -136,13 +131,8 @@ def show_list(source: str | None, select: str, as_json: bool) -> None:
                     "checksum": world.checksum[:16],
                 }
             )
-    rows = [list(map(_format, entry.values())) for entry in entries]
+    rows = [list(map(decimals_text, entry.values())) for entry in entries]
     print_output(as_json, entries, table(list(entries[0]), rows))
-
-
-def _format(value: object) -> object:
-    """Return a float as text with two decimals, any other value unchanged."""
-    return f"{value:.2f}" if isinstance(value, float) else value
 
 
 @click.command("metrics")

@@ -1,10 +1,8 @@
 """The configuration of the learning environment."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
-
-import numpy as np
 
 from barn_planners.policy.collision_check import CollisionCheckConfig
 from barn_planners.policy.space import PolicyAction, PolicyObservation
@@ -112,18 +110,6 @@ def configure(config: EnvConfig | None, changes: Mapping[str, object]) -> EnvCon
         if isinstance(value, Checked) and type(value) is type(current):
             part: dict[str, Any] = {name: value}
             config = replace(config, **part)
-        elif name == "worlds" and not isinstance(value, str):
-            plain[name] = _select(value)
         else:
             plain[name] = value
     return replace_dotted(config, plain, "environment")
-
-
-def _select(worlds: object) -> object:
-    """Return numbers of worlds as a selection; anything else unchanged."""
-    numbers = list(worlds) if isinstance(worlds, Iterable) else [worlds]
-    for number in numbers:
-        # In Python True is a number, too.
-        if not isinstance(number, (int, np.integer)) or number is True:
-            return worlds
-    return ",".join(map(str, numbers))

@@ -9,6 +9,7 @@ from barn_eval.learning.episodes import Episodes
 from barn_eval.results.bags.messages import trial_scene
 from barn_eval.results.bags.movers import TRAIL_S
 from barn_eval.trials.spec import TrialSpec
+from barn_planners.navigation.scan_planner import scan_points
 from barn_worlds.base.arrays import Bytes, Points
 from barn_worlds.base.types import Pose2D, seconds
 from barn_worlds.drawing.palette import (
@@ -96,14 +97,10 @@ class TopView:
         self, draw: ImageDraw.ImageDraw, episodes: Episodes, pose: Pose2D
     ) -> None:
         """Draw the returns of the robot's last scan, as seen from its true `pose`."""
-        scan = episodes.scan(self._index)
-        is_return = np.isfinite(scan.ranges)
-        ranges = scan.ranges[is_return].astype(np.float64)
-        angles = scan.angles()[is_return]
-        hits = np.stack([ranges * np.cos(angles), ranges * np.sin(angles)], axis=1)
         lidar = episodes.trial(self._index).spec.simulator.lidar
         mount = Pose2D(lidar.mount_x_m, lidar.mount_y_m, lidar.mount_yaw_rad)
-        draw.point(self._to_pixels((pose @ mount).transform(hits)), fill=SCAN)
+        hits_m = scan_points(episodes.scan(self._index), mount, math.inf)
+        draw.point(self._to_pixels(pose.transform(hits_m)), fill=SCAN)
 
     def _draw_bodies(
         self, draw: ImageDraw.ImageDraw, bodies: Bodies, color: str

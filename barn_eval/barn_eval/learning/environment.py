@@ -12,7 +12,7 @@ from gymnasium import spaces
 from barn_eval.learning.config import EnvConfig, configure
 from barn_eval.learning.drawing import TopView
 from barn_eval.learning.episodes import Episodes, Info, final_info
-from barn_eval.learning.reward import path_points
+from barn_eval.learning.reward import FAILURES, path_points
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import load_protocol
 from barn_eval.trials.spec import TrialSpec, simulator_config
@@ -27,13 +27,6 @@ from barn_worlds.datasets.dataset import Dataset, open_dataset, select_worlds
 from barn_worlds.robots.files import load_robot
 
 RENDER_MODES = ("rgb_array",)
-# Outcomes that the learner's actions cause. All others truncate an episode.
-_TERMINAL_OUTCOMES = (
-    Outcome.SUCCESS,
-    Outcome.COLLISION,
-    Outcome.LEFT_WORLD,
-    Outcome.INVALID_COMMAND,
-)
 _RESET_OPTIONS = ("world", "campaign_seed", "repetition")
 _FIRST = np.arange(1)
 
@@ -213,7 +206,9 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         """
         assert self._episodes is not None
         verdict = self._episodes.trial(self._index).verdict
-        return verdict is not None and verdict.outcome in _TERMINAL_OUTCOMES
+        # All outcomes but these truncate an episode.
+        terminal = (Outcome.SUCCESS, *FAILURES)
+        return verdict is not None and verdict.outcome in terminal
 
     def extend_trail(self) -> None:
         """Add the robot's position to the pictures from above, if there are any."""

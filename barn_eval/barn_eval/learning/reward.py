@@ -23,6 +23,9 @@ from barn_worlds.base.kernel import kernel
 from barn_worlds.datasets.dataset import MAX_CACHED_WORLDS
 from barn_worlds.worlds.world import World
 
+# Outcomes that the learner's actions cause, beside success.
+FAILURES = (Outcome.COLLISION, Outcome.LEFT_WORLD, Outcome.INVALID_COMMAND)
+
 # More than the relative error of a squared distance.
 _ROUNDING = 1.0 + 1e-12
 # Discount; rewards per m of progress, per s, per s at an obstacle; range in m from which
@@ -165,7 +168,6 @@ def final_reward(config: RewardConfig, verdict: Verdict) -> float:
     """
     if verdict.outcome is Outcome.SUCCESS:
         return config.success
-    failures = (Outcome.COLLISION, Outcome.LEFT_WORLD, Outcome.INVALID_COMMAND)
-    if verdict.outcome in failures:
+    if verdict.outcome in FAILURES:
         return config.collision
     return config.out_of_time

@@ -7,11 +7,12 @@ repeated k-fold cross-validation on the same worlds.
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from barn_metrics import bootstrap
-from barn_metrics.bootstrap import Interval, Statistic
+from barn_metrics.bootstrap import Interval
 from barn_metrics.metrics import METRIC_NAMES
 from barn_metrics.model.inputs import inputs_of
 from barn_metrics.model.predictor import DifficultyModel, moments
@@ -26,8 +27,8 @@ WEIGHTS = "weights"
 RIDGE_TITLE = "ridge regression on the five metrics"
 _PENALTIES = np.logspace(-1.0, 4.0, 26)
 _SPLITS = 50
-# Fewer than elsewhere: a rank correlation of several repeats takes long.
-_RESAMPLES = 4000
+# Fewer resamples than elsewhere: a rank correlation of several repeats takes long.
+_interval = partial(bootstrap.bootstrap_interval, resamples=4000)
 
 
 @dataclass(frozen=True)
@@ -374,7 +375,3 @@ def noise_ceiling(trials: Trials, seed: int = 0) -> Interval | None:
         return carried
 
     return _interval(reliability, len(trials.world_numbers))
-
-
-def _interval(statistic: Statistic, world_count: int) -> Interval:
-    return bootstrap.bootstrap_interval(statistic, world_count, resamples=_RESAMPLES)

@@ -208,7 +208,7 @@ class DifficultyModel:
 
     def predict_inputs(self, inputs: Floats) -> list[Prediction]:
         """Return a prediction for each row of inputs (n, d) of `inputs_of`."""
-        outputs, difficulty, spread = self._evaluate(inputs)
+        outputs, difficulty, spread = self.evaluate(inputs)
         # The networks' disagreement and the error of all of them are independent.
         std = np.hypot(spread, self.relative_std * difficulty)
         count = len(self.planners)
@@ -226,17 +226,15 @@ class DifficultyModel:
             for row in range(len(inputs))
         ]
 
-    def difficulty(self, inputs: Floats) -> tuple[Floats, Floats]:
-        """Return predicted times (n,) in s/m and their std (n,) over the networks.
+    def evaluate(self, inputs: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return mean outputs (n, k), difficulty (n,), its std (n,) over networks.
 
         Args:
             inputs: (n, d).
-        """
-        _, difficulty, spread = self._evaluate(inputs)
-        return difficulty, spread
 
-    def _evaluate(self, inputs: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return mean outputs (n, k), difficulty (n,), its std (n,) over networks."""
+        Returns:
+            Mean outputs, and predicted times in s/m with their standard deviation.
+        """
         # (networks, n, k)
         all_outputs = np.array([network(inputs) for network in self.networks])
         share = 1.0 / len(self.networks)

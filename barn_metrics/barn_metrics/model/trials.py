@@ -84,30 +84,24 @@ class Trials:
         """Return the trials in worlds of these numbers; ModelError if none."""
         return self._select(np.isin(self.worlds, sorted(world_numbers)))
 
-    def mean_times(self) -> Floats:
-        """Return mean times per meter (w, p) by `world_numbers`, `planner_names`.
-
-        Failures are included, with the time that they score.
-        """
-        return self._mean_by_world(self.normalized_s_per_m)
-
-    def failure_rates(self) -> Floats:
-        """Return shares of failures (w, p) by `world_numbers` and `planner_names`."""
-        return 1.0 - self._mean_by_world(self.succeeded.astype(np.float64))
-
     def difficulty(self) -> Floats:
         """Return the measured difficulty (w,) of each of `world_numbers` in s/m.
 
         It is the mean over repetitions, then over planners, so that planners with more
-        trials weigh no more.
+        trials weigh no more. Failures are included, with the time that they score.
         """
+        mean_times = self.mean_by_world(self.normalized_s_per_m)
         # Along the first axis, NumPy adds planners one by one: the sum's last bit
         # depends on the axis.
-        difficulty: Floats = self.mean_times().T.mean(axis=0)
+        difficulty: Floats = mean_times.T.mean(axis=0)
         return difficulty
 
-    def _mean_by_world(self, values: Floats) -> Floats:
-        """Return means (w, p) of a value per trial by world and planner."""
+    def mean_by_world(self, values: Floats | Bools) -> Floats:
+        """Return means (w, p) by `world_numbers` and `planner_names`.
+
+        Args:
+            values: One value per trial, (n,); the mean of a mask is a share.
+        """
         names = np.array(self.planners)
         world_numbers = np.array(self.world_numbers)
         means = []

@@ -51,8 +51,11 @@ def test_difficulty_weighs_planners_equally():
     assert trials.world_numbers == (1, 2)
     assert trials.difficulty().tolist() == [4.0, 1.5]
     assert trials.by_planner("b").difficulty().tolist() == [6.0, 2.0]
-    assert trials.mean_times().tolist() == [[2.0, 6.0], [1.0, 2.0]]
-    assert trials.failure_rates().tolist() == [[0.0, 1.0], [0.0, 0.0]]
+    assert trials.mean_by_world(trials.normalized_s_per_m).tolist() == [
+        [2.0, 6.0],
+        [1.0, 2.0],
+    ]
+    assert trials.mean_by_world(trials.succeeded).tolist() == [[1.0, 0.0], [1.0, 1.0]]
     with pytest.raises(ModelError, match=r"no trials of planner 'dwa'"):
         trials.by_planner("dwa")
 

@@ -75,7 +75,7 @@ def judge_networks(
 
     def predict(training_masks: Bools, seed: int) -> list[Floats]:
         models = train_models(inputs, trials, training_masks, seed)
-        return [model.difficulty(inputs)[0] for model in models]
+        return [model.evaluate(inputs)[1] for model in models]
 
     ridge_score = score_ridge(inputs, trials, config)
     difficulty = trials.difficulty()

@@ -63,7 +63,7 @@ def train_model(
     masks = np.concatenate([np.ones((1, len(trial_worlds)), np.bool_), folds])
     model, *fold_models = train_models(inputs, trials, masks, seed)
 
-    predicted, _ = model.difficulty(inputs)
+    _, predicted, _ = model.evaluate(inputs)
     # Sorted, so that the order of the worlds does not matter.
     checksums = "\n".join(sorted(world.checksum for world in trial_worlds))
     description = {
@@ -93,6 +93,13 @@ def require_trainable(worlds: Sequence[World]) -> None:
         )
 
 
+def targets_of(trials: Trials) -> Floats:
+    """Return what networks learn: times per meter and shares of failures (w, 2 p)."""
+    times = trials.mean_by_world(trials.normalized_s_per_m)
+    failure_rates = 1.0 - trials.mean_by_world(trials.succeeded)
+    return np.concatenate([times, failure_rates], axis=1)
+
+
 def train_models(
     inputs: Floats, trials: Trials, masks: Bools, seed: int
 ) -> list[DifficultyModel]:
@@ -104,7 +111,7 @@ def train_models(
         masks: (b, w), True for the worlds that model b is trained in.
         seed: Seed of all randomness.
     """
-    targets = np.concatenate([trials.mean_times(), trials.failure_rates()], axis=1)
+    targets = targets_of(trials)
     models = []
     for number, mask in enumerate(masks):
         seeds = np.random.SeedSequence([seed, 0, number]).generate_state(_NETWORKS)
@@ -126,7 +133,7 @@ def _relative_std(
     """
     relative_errors = []
     for model, mask in zip(models, folds, strict=True):
-        predicted, spread = model.difficulty(inputs[~mask])
+        _, predicted, spread = model.evaluate(inputs[~mask])
         squared = (predicted - difficulty[~mask]) ** 2 - spread**2
         relative_errors.append(np.sqrt(np.maximum(squared, 0.0)) / predicted)
     return float(np.quantile(np.concatenate(relative_errors), math.erf(math.sqrt(0.5))))
