@@ -43,6 +43,11 @@ from barn_worlds.worlds.course import fit_to_robot
 from barn_worlds.worlds.world import World
 
 
+_SIDE_BY_SIDE = {
+    "systems": "; barn reproduce --physical sets measured beside simulated trials"
+}
+
+
 @dataclass(frozen=True, eq=False)
 class Source:
     """One results folder."""
@@ -261,7 +266,7 @@ def require_same_task(folders: Sequence[Path]) -> None:
                 key, value, other_value = change
                 raise ConfigError(
                     f"different {what} cannot be compared: {key} is {value!r} in"
-                    f" {first}, {other_value!r} in {folder}"
+                    f" {first}, {other_value!r} in {folder}{_SIDE_BY_SIDE.get(what, '')}"
                 )
 
 
