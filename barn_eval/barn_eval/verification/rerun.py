@@ -343,7 +343,7 @@ def _why_not_driven(
 ) -> str:
     """Return why a trial's commands cannot be driven again, empty if they can."""
     if row.observed is not None:
-        return f"observed in {row.observed.system}, not driven again"
+        return f"observed, not driven again ({row.observed.system})"
     # One that is not scored ends otherwise than by its readings, and may not.
     if not row.is_scored and commands is None:
         return "not driven again, as they are not scored"

@@ -145,7 +145,7 @@ def test_systems_are_neither_compared_nor_ranked_together(folders, rejected, pri
 
 def test_check_says_that_observed_trials_are_not_driven_again(folders):
     check = check_folder(folders[1])
-    assert "2 trials: observed in jackal 42, not driven again" in check.unchecked
+    assert "2 trials: observed, not driven again (jackal 42)" in check.unchecked
     assert check.driven == 0
 
 
