@@ -1,18 +1,21 @@
 """Planners in ROS packages that nobody built: what colcon would start, from the source.
 
 Files of a package are parsed and never executed. A planner command "package:TEXT" has
-the text of `--planner-package`: DIR, DIR:EXECUTABLE, DIR:MODULE:FUNCTION or
-FILE.py[:FUNCTION], with arguments behind.
+the text of `--planner-package`: DIR, DIR:EXECUTABLE, DIR:FILE.launch.py,
+DIR:MODULE:FUNCTION or FILE.py[:FUNCTION], with arguments behind.
 """
 
 import ast
 import configparser
+import json
 import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from barn_eval.running import start_nodes
+from barn_eval.running.launch_files import LAUNCHES, read_launch_file
 from barn_worlds.base.errors import ConfigError, convert_os_errors, suggest
 from barn_worlds.base.files import read_bytes
 
@@ -20,6 +23,9 @@ PREFIX = "package:"
 """Beginning of a planner command that names a package."""
 
 _MANIFEST = "package.xml"
+_SETUP = "setup.py"
+_CMAKE = "CMakeLists.txt"
+_BUILDS = (_SETUP, _CMAKE)
 _LARGEST_BYTES = 1 << 20
 # Folders below that of a user in which packages are looked for: src/PACKAGE, mostly.
 _DEPTH = 4
@@ -27,7 +33,11 @@ _DEPTH = 4
 _BUILD_FOLDERS = frozenset(["build", "install", "log"])
 _SCRIPT = re.compile(r"\s*'?([\w.{}-]+)\s*=\s*([\w.{}]+:\w+)")
 _PROGRAMS = re.compile(r"install\s*\(\s*PROGRAMS\s([^)]*?)\sDESTINATION", re.DOTALL)
-_COMPILED = re.compile(r"add_(?:executable|library)\s*\(\s*([\w${}.-]+)")
+_COMPILED = re.compile(r"add_executable\s*\(\s*([\w${}.-]+)")
+_NO_EXECUTABLES = (
+    "no console_scripts in setup.py or setup.cfg, no install(PROGRAMS) in"
+    " CMakeLists.txt; name the function to start: DIR:MODULE:FUNCTION"
+)
 # Starts an entry as an installed script does, without the working directory in the
 # import path, where the folders of a source tree would hide installed packages.
 _START = (
@@ -45,12 +55,20 @@ class Executable:
     # Folder of the package, or of a file that is no part of any.
     folder: Path
 
-    # "MODULE:FUNCTION", or a script relative to the folder.
+    # "MODULE:FUNCTION", or a script or launch file relative to the folder.
     entry: str
+
+    # Of a launch file: what it starts, with arguments.
+    launched: tuple[tuple["Executable", tuple[str, ...]], ...] = ()
 
     @property
     def command(self) -> tuple[str, ...]:
         """Words that start it, without arguments of its own."""
+        if self.launched:
+            commands = [
+                [*node.command, *arguments] for node, arguments in self.launched
+            ]
+            return (sys.executable, start_nodes.__file__, json.dumps(commands))
         module, colon, function = self.entry.partition(":")
         if not colon:
             return (sys.executable, str((self.folder / self.entry).resolve()))
@@ -59,7 +77,7 @@ class Executable:
     @property
     def is_packaged(self) -> bool:
         """Whether the folder is that of a package, and not of a single file."""
-        return (self.folder / _MANIFEST).is_file()
+        return any((self.folder / name).is_file() for name in (_MANIFEST, *_BUILDS))
 
     @property
     def packages(self) -> list[Path]:
@@ -75,12 +93,15 @@ class Executable:
             path for package in self.packages for path in (package, package / "src")
         ]
 
-    def source(self) -> Path | None:
-        """Return the file that the entry is in, None if there is none."""
+    def sources(self) -> list[Path]:
+        """Return the file that the entry is in, or those of all that is launched."""
+        if self.launched:
+            return [path for node, _ in self.launched for path in node.sources()]
         module, colon, _ = self.entry.partition(":")
-        if not colon:
-            return self.folder / self.entry
-        return find_module(module, self.import_path)
+        path = self.folder / self.entry
+        if colon:
+            path = find_module(module, self.import_path) or path
+        return [path]
 
     def make_prefix(self, prefix: Path, inherited: Mapping[str, str]) -> dict[str, str]:
         """Link the packages into a prefix of ROS, and return variables that name it.
@@ -112,42 +133,101 @@ class Executable:
 
 
 def find_executable(text: str) -> Executable:
-    """Return the executable that DIR[:EXECUTABLE] or FILE.py[:FUNCTION] names.
+    """Return the executable that the text of `--planner-package` names.
 
     Raises:
-        ConfigError: If there is no such package or executable, or several.
+        ConfigError: If there is no such package or executable, or several, or a launch
+            file that starts none.
     """
     path_text, _, name = text.partition(":")
     path = Path(path_text)
     subject = f"planner package {text!r}"
     if path.suffix == ".py" and path.is_file():
-        return Executable(path.stem, path.parent, f"{path.stem}:{name or 'main'}")
+        if LAUNCHES not in _read(path):
+            return Executable(path.stem, path.parent, f"{path.stem}:{name or 'main'}")
+        # It lies in the folder launch of its package.
+        name = path.name
+        path = path.absolute().parents[1]
     if not path.is_dir():
         raise ConfigError(f"{subject}: no folder or Python file {path}")
 
-    packages = [file.parent for file in _walk(path, _DEPTH) if file.name == _MANIFEST]
+    files = list(_walk(path, _DEPTH))
+    packages = [file.parent for file in files if file.name == _MANIFEST]
+    # Some have no manifest.
+    packages = packages or [file.parent for file in files if file.name in _BUILDS]
     if not packages:
-        raise ConfigError(f"{subject}: no package (package.xml) in {path}")
+        raise ConfigError(
+            f"{subject}: no package (package.xml) in {path}; a single file is given as"
+            " FILE.py or FILE.py:FUNCTION"
+        )
     if ":" in name:
         return Executable(name.partition(":")[0], packages[0], name)
 
+    try:
+        return _choose(name, files, packages)
+    except ConfigError as error:
+        raise ConfigError(f"{subject}: {error}") from None
+
+
+def _choose(name: str, files: Sequence[Path], packages: Sequence[Path]) -> Executable:
+    """Return the executable or launch file of a name, or the only executable.
+
+    Args:
+        name: Its name; empty for the only executable.
+        files: Files of the packages.
+        packages: Folders of the packages.
+
+    Raises:
+        ConfigError: If there is none, or are several.
+    """
     executables = []
     for package in packages:
         executables += _read_executables(package)
+    launch_files = [
+        file for file in files if file.suffix == ".py" and LAUNCHES in _read(file)
+    ]
+    for file in launch_files:
+        if name and file.match(name):
+            return _read_launched(file, packages, executables)
+    compiled = _explain_compiled(packages)
     if not executables:
-        raise ConfigError(f"{subject}: {_explain_none(packages)}")
+        raise ConfigError(compiled or _NO_EXECUTABLES)
     matching = [item for item in executables if name in ("", item.name)]
-    if len(matching) == 1:
+    # Beside a compiled planner there may be a helper in Python.
+    if len(matching) == 1 and (name or not compiled):
         return matching[0]
 
-    problem = "name one of its executables"
+    problem = "name one of its executables or launch files"
     if not matching:
         names = [item.name for item in executables]
         problem = f"no executable {name!r}{suggest(name, names)}; {problem}"
-    choices = ", ".join(
-        f"{item.folder}:{item.name}" for item in matching or executables
+    choices = [f"{item.folder}:{item.name}" for item in matching or executables]
+    choices += map(str, launch_files)
+    raise ConfigError(
+        "; ".join(filter(None, [f"{problem}: {', '.join(choices)}", compiled]))
     )
-    raise ConfigError(f"{subject}: {problem}: {choices}")
+
+
+def _read_launched(
+    path: Path, packages: Sequence[Path], executables: Sequence[Executable]
+) -> Executable:
+    """Return a launch file as one executable."""
+    folders = {_package_name(package): package for package in packages}
+    by_name = {(item.folder, item.name): item for item in executables}
+    launched = []
+    for node in read_launch_file(path, folders):
+        executable = by_name.get((folders[node.package], node.executable))
+        if executable is None:
+            raise ConfigError(
+                f"{path}: package {node.package!r} has no executable in Python called"
+                f" {node.executable!r}; build it with colcon, and start it by"
+                f' --planner-command "ros2 launch {node.package} {path.name}"'
+            )
+        launched.append((executable, node.arguments))
+    if not launched:
+        raise ConfigError(f"{path}: it starts no node of {', '.join(folders)}")
+    folder = launched[0][0].folder
+    return Executable(path.name, folder, str(path), tuple(launched))
 
 
 def find_module(name: str, folders: Sequence[Path]) -> Path | None:
@@ -165,18 +245,21 @@ def find_module(name: str, folders: Sequence[Path]) -> Path | None:
     return None
 
 
-def _explain_none(packages: list[Path]) -> str:
-    """Return why no executable of packages can be started, with what to do instead."""
+def _explain_compiled(packages: list[Path]) -> str:
+    """Return what of packages is compiled and how that is started, empty if nothing."""
     for package in packages:
-        for name in _COMPILED.findall(_read(package / "CMakeLists.txt")):
+        text = _read(package / _CMAKE)
+        for name in _COMPILED.findall(text):
             return (
                 f"{name} of {package} is compiled; build it with colcon, and start it by"
                 f' --planner-command "ros2 run {_package_name(package)} {name}"'
             )
-    return (
-        "no console_scripts in setup.py or setup.cfg, no install(PROGRAMS) in"
-        " CMakeLists.txt; name the function to start: DIR:MODULE:FUNCTION"
-    )
+        if "add_library(" in text:
+            return (
+                f"{package} is a compiled plugin, which another program loads; build it"
+                " with colcon, and see docs/tutorials/nav2.md"
+            )
+    return ""
 
 
 def _package_name(package: Path) -> str:
@@ -208,7 +291,7 @@ def _read_executables(package: Path) -> list[Executable]:
         match = _SCRIPT.match(line)
         if match:
             executables.append(Executable(match[1], package, match[2]))
-    for programs in _PROGRAMS.findall(_read(package / "CMakeLists.txt")):
+    for programs in _PROGRAMS.findall(_read(package / _CMAKE)):
         for script in programs.split():
             if script.endswith(".py"):
                 executables.append(Executable(Path(script).name, package, script))
@@ -232,7 +315,7 @@ def _setup_py_scripts(package: Path) -> list[str]:
     Raises:
         ConfigError: If the file is no Python, or computes them in another way.
     """
-    path = package / "setup.py"
+    path = package / _SETUP
     try:
         tree = ast.parse(_read(path))
     except (SyntaxError, ValueError) as error:

@@ -32,15 +32,15 @@ class PlannerSource:
 
     # Python that runs it, empty if it is no Python.
     python: str = ""
-    # File that is started, and the folders that its own modules lie in.
-    start: Path | None = None
+    # Files that are started, and the folders that their own modules lie in.
+    starts: tuple[Path, ...] = ()
     folders: tuple[Path, ...] = ()
 
     def read(self) -> tuple[dict[Path, str], set[str]]:
         """Return the texts of its own files, and the names of all other modules."""
         texts: dict[Path, str] = {}
         modules: set[str] = set()
-        queue = [self.start] if self.start else []
+        queue = list(self.starts)
         while queue:
             path = queue.pop()
             if path in texts or not path.is_file():
@@ -83,13 +83,14 @@ class PlannerSource:
     def start_problem(self) -> str:
         """Return that a script only defines what it should run, else empty."""
         texts, _ = self.read()
-        text = texts.get(self.start, "") if self.start else ""
-        if "def main(" not in text or _RUNS.search(text):
-            return ""
-        return (
-            f"{self.start} only defines main and does not call it: start it by"
-            f" --planner-package {self.start}:main"
-        )
+        for start in self.starts:
+            text = texts.get(start, "")
+            if "def main(" in text and not _RUNS.search(text):
+                return (
+                    f"{start} only defines main and does not call it: start it by"
+                    f" --planner-package {start}:main"
+                )
+        return ""
 
 
 def read_source(command: str) -> PlannerSource:
@@ -102,11 +103,12 @@ def read_source(command: str) -> PlannerSource:
     if words[0].startswith(PREFIX):
         executable = find_executable(words[0].removeprefix(PREFIX))
         folders = tuple(executable.import_path)
-        return PlannerSource(executable.command[0], executable.source(), folders)
+        starts = tuple(executable.sources())
+        return PlannerSource(executable.command[0], starts, folders)
     scripts = [Path(word) for word in words[1:] if word.endswith(".py")]
     if not re.fullmatch(r"python[\d.]*", Path(words[0]).name) or not scripts:
         return PlannerSource()
-    return PlannerSource(words[0], scripts[0], (scripts[0].parent,))
+    return PlannerSource(words[0], (scripts[0],), (scripts[0].parent,))
 
 
 def supplier(module: str) -> str:

@@ -1,9 +1,12 @@
 """Planners from the source of packages that nobody built."""
 
+import json
 import subprocess
+import sys
 
 import pytest
 
+from barn_eval.running import start_nodes
 from barn_eval.running.planner_packages import find_executable
 from barn_eval.running.planner_sources import explain_end, read_source
 from barn_worlds.base.errors import ConfigError
@@ -93,6 +96,87 @@ def test_executables_of_other_kinds_of_packages(tmp_path, name, files, entries):
     assert [(executable.name, executable.entry)] == entries
 
 
+LAUNCH = """
+import os
+from launch_ros.actions import Node
+def generate_launch_description():
+    share = get_package_share_directory("follow")
+    clock = LaunchConfiguration("clock", default="true")
+    ghost = Node(package="follow", executable="nothing")
+    follower = Node(
+        package="follow",
+        executable="follower",
+        name="leader",
+        parameters=[os.path.join(share, "a.yaml"), {"use_sim_time": clock, "f": "1"}],
+        remappings=[("scan", LaunchConfiguration("scan"))],
+        arguments=["--fast"],
+    )
+    world = PythonLaunchDescriptionSource(os.path.join(
+        get_package_share_directory("gazebo"), "launch", "world.launch.py"))
+    near = PythonLaunchDescriptionSource([share + "/launch/near.launch.py"])
+    return LaunchDescription([
+        DeclareLaunchArgument("scan", default_value="/front/scan"),
+        DeclareLaunchArgument("rviz", default_value="false"),
+        Node(package="rviz2", executable="rviz2", arguments=[Command(["x"])]),
+        Node(package="helper", executable="helper", condition=IfCondition(
+            LaunchConfiguration("rviz"))),
+        IncludeLaunchDescription(world), IncludeLaunchDescription(near), follower,
+    ])
+"""
+NEAR = """
+def generate_launch_description():
+    return LaunchDescription([Node(package="follow", executable="follower")])
+"""
+ARGUMENTS = (
+    "--fast --ros-args -r __node:=leader -r scan:=/front/scan --params-file {}/a.yaml"
+    ' -p use_sim_time:=true -p f:="1" --'
+)
+
+
+def test_a_launch_file_starts_its_nodes_that_are_in_the_workspace(workspace, tmp_path):
+    folder = workspace / "src" / "follow"
+    for name, text in (("far", LAUNCH), ("near", NEAR)):
+        path = folder / "launch" / f"{name}.launch.py"
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text)
+
+    executable = find_executable(f"{workspace}:far.launch.py")
+    assert executable == find_executable(str(folder / "launch" / "far.launch.py"))
+    arguments = [" ".join(arguments) for _, arguments in executable.launched]
+    assert sorted(arguments) == [ARGUMENTS.format(folder), "--ros-args --"]
+
+    variables = executable.make_prefix(tmp_path / "prefix", {})
+    output = subprocess.check_output([*executable.command, "-x"], env=variables)
+    assert output.count(b"hello ['follower', '--") == 2
+    assert output.count(b"'--', '-x']") == 2
+
+
+@pytest.mark.parametrize(
+    ("node", "problem"),
+    [
+        ("executable=f(1)", r"line 2: cannot read f\(1\) without executing it"),
+        ("executable='other'", "has no executable in Python called 'other'"),
+        ("executable=e", "cannot read e without"),
+        ("parameters=p, executable='follower')\np = [p]\nstr(", "recursion"),
+    ],
+)
+def test_a_launch_file_that_only_its_execution_tells_is_refused(
+    workspace, node, problem
+):
+    path = workspace / "src" / "follow" / "a.launch.py"
+    path.write_text(
+        f"def generate_launch_description():\n return Node(package='follow', {node})\n"
+    )
+    with pytest.raises(ConfigError, match=problem):
+        find_executable(f"{workspace}:a.launch.py")
+
+
+def test_the_nodes_of_a_launch_file_end_with_the_first_that_fails():
+    commands = [["sleep", "1000"], ["sh", "-c", "exit 7"]]
+    words = [sys.executable, start_nodes.__file__, json.dumps(commands)]
+    assert subprocess.run(words, check=False).returncode == 7
+
+
 def test_an_entry_and_a_file_can_be_named(workspace):
     assert (
         find_executable(f"{workspace}/src/follow:follow.node:run").entry
@@ -100,7 +184,7 @@ def test_an_entry_and_a_file_can_be_named(workspace):
     )
     file = workspace / "src/follow/follow/node.py"
     executable = find_executable(str(file))
-    assert (executable.entry, executable.source()) == ("node:main", file)
+    assert (executable.entry, executable.sources()) == ("node:main", [file])
 
 
 COMPUTED = "console_scripts = []\nd = {'console_scripts': [f'{name()} = a:b']}\n"
@@ -113,7 +197,7 @@ COMPILED = "add_executable(planner_node src/planner.cpp)\n"
         (
             {"setup.py": SETUP},
             "",
-            "name one of its executables: .*/p:follower, .*/p:follow_viewer",
+            "name one of its executables or launch files: .*/p:follower, .*/p:follow_viewer",
         ),
         (
             {"setup.py": SETUP},

@@ -1,0 +1,228 @@
+"""Launch files of packages that nobody built: the nodes that they start.
+
+A launch file is parsed and never executed. Of the nodes, only those of the packages at
+hand are taken: simulators, bridges and viewers of others have no place in a trial.
+"""
+
+import ast
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from barn_worlds.base.errors import ConfigError
+
+LAUNCHES = "def generate_launch_description("
+"""What a launch file has, and other scripts have not."""
+
+_SHARES = frozenset(["get_package_share_directory", "FindPackageShare", "find"])
+_JOINS = frozenset(["join", "PathJoinSubstitution"])
+# Calls around a value that do not change it.
+_WRAPPERS = frozenset(["ParameterValue", "ParameterFile", "str", "IfCondition"])
+_TRUE = ("true", "1")
+
+
+@dataclass(frozen=True)
+class LaunchedNode:
+    """A node that a launch file starts."""
+
+    package: str
+    executable: str
+
+    # Arguments of the executable, those of ROS included.
+    arguments: tuple[str, ...]
+
+
+def read_launch_file(path: Path, packages: Mapping[str, Path]) -> list[LaunchedNode]:
+    """Return the nodes of the packages that a launch file starts, in its order.
+
+    Args:
+        path: File of a launch description in Python.
+        packages: Folders of the packages at hand, by name.
+
+    Raises:
+        ConfigError: If the file is no Python, or computes what a node gets.
+    """
+    try:
+        return _read_tree(path, packages, ast.parse(path.read_bytes()))
+    except (OSError, SyntaxError, ValueError, RecursionError) as error:
+        raise ConfigError(f"{path}: {error}") from None
+
+
+def _read_tree(
+    path: Path, packages: Mapping[str, Path], tree: ast.Module
+) -> list[LaunchedNode]:
+    """Return the nodes of the packages that the code of a launch file starts."""
+    launch = _LaunchFile(path, packages)
+    loads = set()
+    for item in ast.walk(tree):
+        match item:
+            case ast.Name(name, ast.Load()):
+                loads.add(name)
+            case ast.Assign([ast.Name(name)], value):
+                launch.values[name] = value
+            case ast.Call(args=[ast.Constant(str(name)), *_]) if (
+                _function(item) == "DeclareLaunchArgument"
+            ):
+                launch.defaults[name] = _keyword(item, "default_value")
+
+    # What is assigned to a name that nobody reads is not launched.
+    unused = {id(value) for name, value in launch.values.items() if name not in loads}
+    calls = [item for item in ast.walk(tree) if isinstance(item, ast.Call)]
+    nodes = []
+    for call in sorted(calls, key=lambda call: call.lineno):
+        if id(call) not in unused:
+            nodes += launch.nodes(call)
+    return nodes
+
+
+@dataclass
+class _LaunchFile:
+    """What the expressions of a launch file stand for."""
+
+    path: Path
+    packages: Mapping[str, Path]
+    # Expressions by the name that they are assigned to, and defaults of arguments.
+    values: dict[str, ast.expr] = field(default_factory=dict)
+    defaults: dict[str, ast.expr | None] = field(default_factory=dict)
+
+    def nodes(self, call: ast.Call) -> Iterator[LaunchedNode]:
+        """Yield the nodes that a call starts: its own, or those of a file included."""
+        match _function(call):
+            case "Node":
+                package = self._keyword_text(call, "package", "")
+                condition = self._keyword_text(call, "condition", "true")
+                if package in self.packages and condition.lower() in _TRUE:
+                    executable = self._keyword_text(call, "executable", "")
+                    arguments = tuple(self._arguments(call))
+                    yield LaunchedNode(package, executable, arguments)
+            case "PythonLaunchDescriptionSource":
+                path = Path(self._text(call.args[0]))
+                # Those of other packages are not at hand.
+                if path.is_file():
+                    yield from read_launch_file(path, self.packages)
+
+    def _arguments(self, call: ast.Call) -> Iterator[str]:
+        """Yield the arguments that the call of a node gives it."""
+        for argument in self._items(call, "arguments"):
+            yield str(argument)
+        yield "--ros-args"
+        for keyword, rule in (("name", "__node"), ("namespace", "__ns")):
+            text = self._keyword_text(call, keyword, "")
+            if text:
+                yield from ("-r", f"{rule}:={text}")
+        for source, target in self._items(call, "remappings"):
+            yield from ("-r", f"{source}:={target}")
+        for parameters in self._items(call, "parameters"):
+            if isinstance(parameters, dict):
+                for name, text in parameters.items():
+                    yield from ("-p", f"{name}:={text}")
+            else:
+                yield from ("--params-file", parameters)
+        yield "--"
+
+    def _items(self, call: ast.Call, keyword: str) -> Any:
+        """Return the list that a call has under a keyword, empty without one."""
+        value = _keyword(call, keyword)
+        return [] if value is None else self._read(value)
+
+    def _keyword_text(self, call: ast.Call, keyword: str, default: str) -> str:
+        """Return the text that a call has under a keyword."""
+        value = _keyword(call, keyword)
+        return default if value is None else self._text(value)
+
+    def _text(self, value: ast.expr | None) -> str:
+        """Return the text that an expression stands for; texts of a list are joined."""
+        content = self._read(value)
+        if isinstance(content, list):
+            return "".join(map(str, content))
+        return str(content)
+
+    def _parameter(self, value: ast.expr) -> str:
+        """Return the YAML of a parameter's value."""
+        content = self._read(value)
+        # What arguments of the launch stand for is YAML, as it is there.
+        if isinstance(content, str) and not isinstance(value, ast.Constant):
+            return content
+        return json.dumps(content)
+
+    def _read(self, value: ast.expr | None) -> Any:
+        """Return what an expression stands for.
+
+        Raises:
+            ConfigError: If only its execution tells.
+        """
+        match value:
+            case ast.Constant(constant):
+                return constant
+            case ast.Name(name) if name in self.values:
+                return self._read(self.values[name])
+            case ast.List(items) | ast.Tuple(items):
+                return [self._read(item) for item in items]
+            case ast.Dict(keys, items):
+                pairs = zip(keys, items, strict=True)
+                return {self._text(key): self._parameter(item) for key, item in pairs}
+            case ast.Call():
+                return self._read_call(value)
+        return self._read_joined(value)
+
+    def _read_joined(self, value: ast.expr | None) -> str:
+        """Return the text that an f-string or a sum is; ConfigError as `_read`."""
+        match value:
+            case ast.JoinedStr(items):
+                return "".join(map(self._text, items))
+            case ast.FormattedValue(item):
+                return self._text(item)
+            case ast.BinOp(left, ast.Add(), right):
+                return self._text(left) + self._text(right)
+        raise self._unreadable(value)
+
+    def _read_call(self, call: ast.Call) -> Any:
+        """Return what a call stands for; ConfigError as `_read`."""
+        name = _function(call)
+        arguments = [*call.args, *(keyword.value for keyword in call.keywords)]
+        if name in _JOINS:
+            return "/".join(self._text(item) for item in _parts(arguments))
+        if name in _SHARES:
+            package = self._text(arguments[0])
+            return str(self.packages.get(package, Path("share", package)))
+        if name in _WRAPPERS:
+            return self._read(arguments[0])
+        if name == "LaunchConfiguration":
+            default = _keyword(call, "default")
+            if default is None:
+                default = self.defaults.get(self._text(arguments[0]))
+            if default is not None:
+                return self._read(default)
+        raise self._unreadable(call)
+
+    def _unreadable(self, value: ast.expr | None) -> ConfigError:
+        """Return the error for an expression that only its execution tells."""
+        line = getattr(value, "lineno", 1)
+        text = ast.unparse(value) if value else "**"
+        return ConfigError(
+            f"{self.path}, line {line}: cannot read {text} without executing it; name an"
+            " executable instead, with its parameters behind --ros-args"
+        )
+
+
+def _function(call: ast.Call) -> str:
+    """Return the last part of the name of what is called."""
+    return ast.unparse(call.func).rpartition(".")[2]
+
+
+def _keyword(call: ast.Call, name: str) -> ast.expr | None:
+    """Return the argument of a call by keyword, None without one."""
+    for keyword in call.keywords:
+        if keyword.arg == name:
+            return keyword.value
+    return None
+
+
+def _parts(arguments: list[ast.expr]) -> list[ast.expr]:
+    """Return the parts of a path: arguments, or the items of the only one."""
+    match arguments:
+        case [ast.List(items)]:
+            return items
+    return arguments

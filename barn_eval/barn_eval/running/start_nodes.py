@@ -1,0 +1,39 @@
+"""Start the nodes of a launch file together, and end when they have ended.
+
+    python start_nodes.py COMMANDS ARGUMENTS...
+
+COMMANDS is a JSON list of commands; each gets the arguments, too. A node that fails ends
+the others, as trials need all of them; its exit code is that of this script, which needs
+nothing but the standard library.
+"""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+
+
+def main(commands: list[list[str]], arguments: list[str]) -> int:
+    """Start commands and wait for their end; return the first exit code that is not 0."""
+    # Whoever ends this process signals the nodes as well.
+    signal.signal(signal.SIGINT, lambda *_: None)
+    nodes = {}
+    for command in commands:
+        process = subprocess.Popen([*command, *arguments])  # noqa: S603
+        nodes[process.pid] = process
+    code = 0
+    while nodes:
+        pid, status = os.wait()
+        process = nodes.pop(pid, None)
+        if process is not None:
+            process.returncode = os.waitstatus_to_exitcode(status)
+            if process.returncode and not code:
+                code = process.returncode
+                for node in nodes.values():
+                    node.terminate()
+    return abs(code)
+
+
+if __name__ == "__main__":
+    sys.exit(main(json.loads(sys.argv[1]), sys.argv[2:]))
