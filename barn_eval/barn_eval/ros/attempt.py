@@ -135,9 +135,7 @@ def try_planner(run: RunConfig, goal: Pose2D, logs: Path) -> Attempt:
         environment = nodes.environment(os.environ, domain)
         # The node here is on the same domain.
         os.environ.update(environment)
-        variables = nodes.foreign_environment(environment)
-        if planner.executable is not None:
-            variables |= planner.executable.make_prefix(logs / "prefix", variables)
+        variables = planner.variables(environment, logs)
         problems = [
             f"the module {name} is missing: {supplier}"
             for name, supplier in source.missing_modules(variables).items()

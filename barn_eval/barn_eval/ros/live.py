@@ -68,10 +68,7 @@ def run_observed(
             logs = Path(stack.enter_context(TemporaryDirectory(prefix="barn_")))
             log = logs / "planner.log"
             command = node.write_parameters(logs)
-            environment = dict(os.environ)
-            if node.executable is not None:
-                prefix = logs / "prefix"
-                environment |= node.executable.make_prefix(prefix, environment)
+            environment = node.variables(os.environ, logs)
             process = SupervisedProcess(
                 "planner", command, environment, log, text=node.input
             )

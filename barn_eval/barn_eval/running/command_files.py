@@ -5,7 +5,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from barn_eval.running.planner_packages import PREFIX, find_executable
+from barn_eval.running.planner_packages import find_packaged
 from barn_eval.trials.identity import flatten
 from barn_worlds.base.errors import ConfigError, convert_os_errors, format_value
 from barn_worlds.base.files import write_durably
@@ -41,8 +41,8 @@ def hash_command_files(words: Sequence[str]) -> dict[str, str]:
         for name, path in paths.items()
         if path.suffix in _SUFFIXES and path.is_file()
     }
-    if words[0].startswith(PREFIX):
-        executable = find_executable(words[0].removeprefix(PREFIX))
+    executable = find_packaged(words)
+    if executable is not None:
         if executable.is_packaged:
             hashes[str(executable.folder)] = hash_folder(executable.folder)
         else:

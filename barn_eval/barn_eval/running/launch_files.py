@@ -35,7 +35,7 @@ class LaunchedNode:
 
 
 def read_launch_file(path: Path, packages: Mapping[str, Path]) -> list[LaunchedNode]:
-    """Return the nodes of the packages that a launch file starts, in its order.
+    """Return the nodes of the packages that a launch file starts.
 
     Args:
         path: File of a launch description in Python.
@@ -69,11 +69,10 @@ def _read_tree(
 
     # What is assigned to a name that nobody reads is not launched.
     unused = {id(value) for name, value in launch.values.items() if name not in loads}
-    calls = [item for item in ast.walk(tree) if isinstance(item, ast.Call)]
     nodes = []
-    for call in sorted(calls, key=lambda call: call.lineno):
-        if id(call) not in unused:
-            nodes += launch.nodes(call)
+    for item in ast.walk(tree):
+        if isinstance(item, ast.Call) and id(item) not in unused:
+            nodes += launch.nodes(item)
     return nodes
 
 
@@ -91,10 +90,10 @@ class _LaunchFile:
         """Yield the nodes that a call starts: its own, or those of a file included."""
         match _function(call):
             case "Node":
-                package = self._keyword_text(call, "package", "")
-                condition = self._keyword_text(call, "condition", "true")
-                if package in self.packages and condition.lower() in _TRUE:
-                    executable = self._keyword_text(call, "executable", "")
+                package = self._get(call, "package")
+                condition = self._get(call, "condition", "true")
+                if package in self.packages and str(condition).lower() in _TRUE:
+                    executable = self._get(call, "executable")
                     arguments = tuple(self._arguments(call))
                     yield LaunchedNode(package, executable, arguments)
             case "PythonLaunchDescriptionSource":
@@ -105,16 +104,16 @@ class _LaunchFile:
 
     def _arguments(self, call: ast.Call) -> Iterator[str]:
         """Yield the arguments that the call of a node gives it."""
-        for argument in self._items(call, "arguments"):
+        for argument in self._get(call, "arguments"):
             yield str(argument)
         yield "--ros-args"
         for keyword, rule in (("name", "__node"), ("namespace", "__ns")):
-            text = self._keyword_text(call, keyword, "")
+            text = self._get(call, keyword)
             if text:
                 yield from ("-r", f"{rule}:={text}")
-        for source, target in self._items(call, "remappings"):
+        for source, target in self._get(call, "remappings"):
             yield from ("-r", f"{source}:={target}")
-        for parameters in self._items(call, "parameters"):
+        for parameters in self._get(call, "parameters"):
             if isinstance(parameters, dict):
                 for name, text in parameters.items():
                     yield from ("-p", f"{name}:={text}")
@@ -122,15 +121,10 @@ class _LaunchFile:
                 yield from ("--params-file", parameters)
         yield "--"
 
-    def _items(self, call: ast.Call, keyword: str) -> Any:
-        """Return the list that a call has under a keyword, empty without one."""
+    def _get(self, call: ast.Call, keyword: str, default: Any = ()) -> Any:
+        """Return what a call has under a keyword."""
         value = _keyword(call, keyword)
-        return [] if value is None else self._read(value)
-
-    def _keyword_text(self, call: ast.Call, keyword: str, default: str) -> str:
-        """Return the text that a call has under a keyword."""
-        value = _keyword(call, keyword)
-        return default if value is None else self._text(value)
+        return default if value is None else self._read(value)
 
     def _text(self, value: ast.expr | None) -> str:
         """Return the text that an expression stands for; texts of a list are joined."""
@@ -176,14 +170,23 @@ class _LaunchFile:
                 return self._text(item)
             case ast.BinOp(left, ast.Add(), right):
                 return self._text(left) + self._text(right)
-        raise self._unreadable(value)
+        line = getattr(value, "lineno", 1)
+        text = ast.unparse(value) if value else "**"
+        raise ConfigError(
+            f"{self.path}, line {line}: cannot read {text} without executing it; name an"
+            " executable instead, with its parameters behind --ros-args"
+        )
 
     def _read_call(self, call: ast.Call) -> Any:
         """Return what a call stands for; ConfigError as `_read`."""
         name = _function(call)
         arguments = [*call.args, *(keyword.value for keyword in call.keywords)]
         if name in _JOINS:
-            return "/".join(self._text(item) for item in _parts(arguments))
+            parts = [self._read(item) for item in arguments]
+            # Substitutions come in a list.
+            if isinstance(parts[0], list):
+                parts = parts[0]
+            return "/".join(map(str, parts))
         if name in _SHARES:
             package = self._text(arguments[0])
             return str(self.packages.get(package, Path("share", package)))
@@ -195,16 +198,7 @@ class _LaunchFile:
                 default = self.defaults.get(self._text(arguments[0]))
             if default is not None:
                 return self._read(default)
-        raise self._unreadable(call)
-
-    def _unreadable(self, value: ast.expr | None) -> ConfigError:
-        """Return the error for an expression that only its execution tells."""
-        line = getattr(value, "lineno", 1)
-        text = ast.unparse(value) if value else "**"
-        return ConfigError(
-            f"{self.path}, line {line}: cannot read {text} without executing it; name an"
-            " executable instead, with its parameters behind --ros-args"
-        )
+        return self._read_joined(call)
 
 
 def _function(call: ast.Call) -> str:
@@ -218,11 +212,3 @@ def _keyword(call: ast.Call, name: str) -> ast.expr | None:
         if keyword.arg == name:
             return keyword.value
     return None
-
-
-def _parts(arguments: list[ast.expr]) -> list[ast.expr]:
-    """Return the parts of a path: arguments, or the items of the only one."""
-    match arguments:
-        case [ast.List(items)]:
-            return items
-    return arguments

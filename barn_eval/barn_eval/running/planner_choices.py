@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from barn_eval.running.command_files import hash_command_files
-from barn_eval.running.planner_packages import PREFIX, find_executable
+from barn_eval.running.planner_packages import PREFIX, find_packaged
 from barn_eval.trials.run_config import COMPUTE_KEYS, PlannerChoice
 from barn_planners.registry import planner_entry, planner_names
 from barn_worlds.base.config import fields_of, from_dict
@@ -184,9 +184,8 @@ def name_planner(command: str) -> str:
     while words[1:] and (Path(words[0]).name == "env" or "=" in words[0]):
         words = words[1:]
 
-    program = Path(words[0]).name
-    if words[0].startswith(PREFIX):
-        program = find_executable(words[0].removeprefix(PREFIX)).name
+    executable = find_packaged(words)
+    program = executable.name if executable else Path(words[0]).name
     arguments = [
         word for word in words[1:] if not word.startswith("-") and ":=" not in word
     ]

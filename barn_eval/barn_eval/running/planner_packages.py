@@ -132,6 +132,20 @@ class Executable:
         return variables
 
 
+def find_packaged(words: Sequence[str]) -> Executable | None:
+    """Return what a planner command starts from a package, None for other commands.
+
+    Args:
+        words: Words of the command.
+
+    Raises:
+        ConfigError: As for `find_executable`.
+    """
+    if not words[0].startswith(PREFIX):
+        return None
+    return find_executable(words[0].removeprefix(PREFIX))
+
+
 def find_executable(text: str) -> Executable:
     """Return the executable that the text of `--planner-package` names.
 

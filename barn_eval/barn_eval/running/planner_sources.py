@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from barn_eval.running.planner_choices import split_command
-from barn_eval.running.planner_packages import PREFIX, find_executable, find_module
+from barn_eval.running.planner_packages import find_module, find_packaged
 from barn_worlds.base.text_files import read_json
 
 _SUPPLIERS = read_json(Path(__file__).parents[1] / "data" / "modules.json")
@@ -100,8 +100,8 @@ def read_source(command: str) -> PlannerSource:
         ConfigError: If it names a package without that executable.
     """
     words = split_command(command)
-    if words[0].startswith(PREFIX):
-        executable = find_executable(words[0].removeprefix(PREFIX))
+    executable = find_packaged(words)
+    if executable is not None:
         folders = tuple(executable.import_path)
         starts = tuple(executable.sources())
         return PlannerSource(executable.command[0], starts, folders)

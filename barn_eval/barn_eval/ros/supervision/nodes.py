@@ -11,7 +11,7 @@ from typing import Any
 from barn_eval.results.store import BagStore
 from barn_eval.ros.supervision import start
 from barn_eval.running.planner_choices import split_command
-from barn_eval.running.planner_packages import PREFIX, Executable, find_executable
+from barn_eval.running.planner_packages import Executable, find_packaged
 from barn_eval.trials.ros_config import PlannerLink, RosConfig
 from barn_eval.trials.run_config import PlannerChoice, RunConfig, fill_placeholders
 from barn_eval.trials.spec import TrialSpec
@@ -74,6 +74,19 @@ class NodeProcess:
             *self.command,
             *["--ros-args", *self.arguments, "--params-file", str(path)],
         ]
+
+    def variables(self, inherited: Mapping[str, str], folder: Path) -> dict[str, str]:
+        """Return environment variables for it, and make FOLDER/prefix for a package.
+
+        Raises:
+            ConfigError: If that cannot be written.
+        """
+        variables = dict(inherited)
+        if self.foreign:
+            variables = foreign_environment(variables)
+        if self.executable is not None:
+            variables |= self.executable.make_prefix(folder / "prefix", variables)
+        return variables
 
 
 @dataclass(frozen=True)
@@ -183,9 +196,8 @@ def planner(
             command = fill_placeholders(command, goal, frame)
             text = fill_placeholders(text, goal, frame)
         words = split_command(command)
-        executable = None
-        if words[0].startswith(PREFIX):
-            executable = find_executable(words[0].removeprefix(PREFIX))
+        executable = find_packaged(words)
+        if executable is not None:
             words[:1] = executable.command
         return NodeProcess(
             "planner",

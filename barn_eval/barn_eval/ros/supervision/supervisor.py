@@ -284,12 +284,7 @@ class _Supervisor:
         name = node.name
         command = node.write_parameters(self.logs)
         self._started_s[name] = time.monotonic()
-        environment = dict(self.environment)
-        if node.foreign:
-            environment = nodes.foreign_environment(environment)
-        if node.executable is not None:
-            prefix = self.logs / "prefix"
-            environment |= node.executable.make_prefix(prefix, environment)
+        environment = node.variables(self.environment, self.logs)
 
         # Only the planner is isolated: simulator and evaluator are trusted.
         kind = launcher.SUITE
