@@ -143,7 +143,7 @@ def try_planner(run: RunConfig, goal: Pose2D, logs: Path) -> Attempt:
         if problems:
             return Attempt(problems=problems)
 
-        with _running(planner, variables, logs) as process, _listening() as node:
+        with _running(planner, environment, logs) as process, _listening() as node:
             view = GraphView(node)
             graph = _await_graph(process, view, node)
             if process.ended:
@@ -181,14 +181,8 @@ def _running(
     process: NodeProcess, environment: Mapping[str, str], logs: Path
 ) -> Iterator[SupervisedProcess]:
     """Run a process while the block runs."""
-    supervised = SupervisedProcess(
-        process.name,
-        process.write_parameters(logs),
-        environment,
-        logs / f"{process.name}.log",
-        kind=launcher.PLANNER if process.foreign else launcher.SUITE,
-        text=process.input,
-    )
+    kind = launcher.PLANNER if process.foreign else launcher.SUITE
+    supervised = process.start(environment, logs, kind=kind)
     try:
         yield supervised
     finally:

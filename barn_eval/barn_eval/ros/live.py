@@ -11,7 +11,6 @@ from barn_eval.results.rows import RowFile
 from barn_eval.results.store import LOGS
 from barn_eval.ros import evaluator
 from barn_eval.ros.supervision import nodes
-from barn_eval.ros.supervision.process import SupervisedProcess
 from barn_eval.running.request import RunRequest
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.ros_config import EvaluatorConfig, PlannerLink
@@ -66,13 +65,8 @@ def run_observed(
                 node = replace(node, parameters={**node.parameters, **clock})
             # The folder of the run must be empty until the evaluator has begun it.
             logs = Path(stack.enter_context(TemporaryDirectory(prefix="barn_")))
-            log = logs / "planner.log"
-            command = node.write_parameters(logs)
-            environment = node.variables(os.environ, logs)
-            process = SupervisedProcess(
-                "planner", command, environment, log, text=node.input
-            )
-            stack.callback(_keep_log, log, request.out / LOGS)
+            process = node.start(os.environ, logs)
+            stack.callback(_keep_log, process.log, request.out / LOGS)
             stack.callback(process.stop)
         evaluator.main([], defaults, raises=True)
     # The last row counts of a trial that was repeated.

@@ -5,7 +5,6 @@ the text of `--planner-package`: DIR, DIR:EXECUTABLE, DIR:FILE.launch.py,
 DIR:MODULE:FUNCTION or FILE.py[:FUNCTION], with arguments behind.
 """
 
-import ast
 import configparser
 import json
 import re
@@ -15,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from barn_eval.running import start_nodes
-from barn_eval.running.launch_files import LAUNCHES, read_launch_file
+from barn_eval.running.source_files import LAUNCHES, SourceFile
 from barn_worlds.base.errors import ConfigError, convert_os_errors, suggest
 from barn_worlds.base.files import read_bytes
 
@@ -31,7 +30,7 @@ _LARGEST_BYTES = 1 << 20
 _DEPTH = 4
 # What a build leaves, where the same packages lie again.
 _BUILD_FOLDERS = frozenset(["build", "install", "log"])
-_SCRIPT = re.compile(r"\s*'?([\w.{}-]+)\s*=\s*([\w.{}]+:\w+)")
+_SCRIPT = re.compile(r"\s*([\w.-]+)\s*=\s*([\w.]+:\w+)")
 _PROGRAMS = re.compile(r"install\s*\(\s*PROGRAMS\s([^)]*?)\sDESTINATION", re.DOTALL)
 _COMPILED = re.compile(r"add_executable\s*\(\s*([\w${}.-]+)")
 _NO_EXECUTABLES = (
@@ -229,15 +228,15 @@ def _read_launched(
     folders = {_package_name(package): package for package in packages}
     by_name = {(item.folder, item.name): item for item in executables}
     launched = []
-    for node in read_launch_file(path, folders):
-        executable = by_name.get((folders[node.package], node.executable))
+    for package, name, arguments in SourceFile(path, folders).launched_nodes():
+        executable = by_name.get((folders[package], name))
         if executable is None:
             raise ConfigError(
-                f"{path}: package {node.package!r} has no executable in Python called"
-                f" {node.executable!r}; build it with colcon, and start it by"
-                f' --planner-command "ros2 launch {node.package} {path.name}"'
+                f"{path}: package {package!r} has no executable in Python called"
+                f" {name!r}; build it with colcon, and start it by --planner-command"
+                f' "ros2 launch {package} {path.name}"'
             )
-        launched.append((executable, node.arguments))
+        launched.append((executable, arguments))
     if not launched:
         raise ConfigError(f"{path}: it starts no node of {', '.join(folders)}")
     folder = launched[0][0].folder
@@ -301,7 +300,11 @@ def _read(path: Path) -> str:
 def _read_executables(package: Path) -> list[Executable]:
     """Return the Python executables that a package installs."""
     executables = []
-    for line in (*_setup_py_scripts(package), *_setup_cfg_scripts(package)):
+    lines = _setup_cfg_scripts(package)
+    setup = package / _SETUP
+    if setup.is_file():
+        lines += SourceFile(setup).entries("console_scripts")
+    for line in lines:
         match = _SCRIPT.match(line)
         if match:
             executables.append(Executable(match[1], package, match[2]))
@@ -321,39 +324,3 @@ def _setup_cfg_scripts(package: Path) -> list[str]:
         raise ConfigError(f"{package / 'setup.cfg'}: {error}") from None
     scripts = parser.get("options.entry_points", "console_scripts", fallback="")
     return scripts.splitlines()
-
-
-def _setup_py_scripts(package: Path) -> list[str]:
-    """Return console_scripts of setup.py, texts and f-strings of texts.
-
-    Raises:
-        ConfigError: If the file is no Python, or computes them in another way.
-    """
-    path = package / _SETUP
-    try:
-        tree = ast.parse(_read(path))
-    except (SyntaxError, ValueError) as error:
-        raise ConfigError(f"{path}: {error}") from None
-
-    # Names of texts, such as package_name, which f-strings refer to.
-    texts: dict[str, str] = {}
-    scripts: list[str] = []
-    for node in ast.walk(tree):
-        match node:
-            case ast.Assign([ast.Name(name)], ast.Constant(str(text))):
-                texts[name] = text
-            case ast.Dict(keys, values):
-                for key, value in zip(keys, values, strict=True):
-                    match key, value:
-                        case ast.Constant("console_scripts"), ast.List(entries):
-                            # Unparsed, they are without comments and in single quotes.
-                            lines = [ast.unparse(entry) for entry in entries]
-                            scripts += [line.removeprefix("f") for line in lines]
-    for script in scripts:
-        fields = set(re.findall(r"{(\w+)}", script))
-        if not _SCRIPT.match(script) or not fields <= texts.keys():
-            raise ConfigError(
-                f"{path}: cannot read {script} without executing it; name the function"
-                " to start: DIR:MODULE:FUNCTION"
-            )
-    return [script.format_map(texts) for script in scripts]

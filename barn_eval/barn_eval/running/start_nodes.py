@@ -18,21 +18,19 @@ def main(commands: list[list[str]], arguments: list[str]) -> int:
     """Start commands and wait for their end; return the first exit code that is not 0."""
     # Whoever ends this process signals the nodes as well.
     signal.signal(signal.SIGINT, lambda *_: None)
-    nodes = {}
-    for command in commands:
-        process = subprocess.Popen([*command, *arguments])  # noqa: S603
-        nodes[process.pid] = process
+    nodes = [
+        subprocess.Popen([*command, *arguments])  # noqa: S603
+        for command in commands
+    ]
     code = 0
-    while nodes:
-        pid, status = os.wait()
-        process = nodes.pop(pid, None)
-        if process is not None:
-            process.returncode = os.waitstatus_to_exitcode(status)
-            if process.returncode and not code:
-                code = process.returncode
-                for node in nodes.values():
-                    node.terminate()
-    return abs(code)
+    for _ in nodes:
+        _, status = os.wait()
+        code = abs(os.waitstatus_to_exitcode(status))
+        if code:
+            break
+    for node in nodes:
+        node.terminate()
+    return code
 
 
 if __name__ == "__main__":

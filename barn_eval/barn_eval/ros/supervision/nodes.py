@@ -1,15 +1,17 @@
 """The three processes of a run over ROS: commands, parameters and environment."""
 
 import os
+import socket
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
 from barn_eval.results.store import BagStore
-from barn_eval.ros.supervision import start
+from barn_eval.ros.supervision import launcher, start
+from barn_eval.ros.supervision.process import SupervisedProcess
 from barn_eval.running.planner_choices import split_command
 from barn_eval.running.planner_packages import Executable, find_packaged
 from barn_eval.trials.ros_config import PlannerLink, RosConfig
@@ -87,6 +89,34 @@ class NodeProcess:
         if self.executable is not None:
             variables |= self.executable.make_prefix(folder / "prefix", variables)
         return variables
+
+    def start(
+        self,
+        inherited: Mapping[str, str],
+        folder: Path,
+        sockets: Sequence[socket.socket] = (),
+        kind: str = launcher.SUITE,
+    ) -> SupervisedProcess:
+        """Start it under a launcher; what it prints is added to FOLDER/NAME.log.
+
+        Args:
+            inherited: Environment variables.
+            folder: Folder of logs.
+            sockets: Inherited by the command under the same numbers.
+            kind: What the launcher is told about the command.
+
+        Raises:
+            ConfigError: If a file cannot be written.
+        """
+        return SupervisedProcess(
+            self.name,
+            self.write_parameters(folder),
+            self.variables(inherited, folder),
+            folder / f"{self.name}.log",
+            sockets,
+            kind,
+            self.input,
+        )
 
 
 @dataclass(frozen=True)

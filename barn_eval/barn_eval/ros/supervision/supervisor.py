@@ -282,9 +282,7 @@ class _Supervisor:
     def _start(self, node: NodeProcess, sockets: Sequence[socket.socket]) -> None:
         """Write the node's parameters and start it, with `sockets` inherited."""
         name = node.name
-        command = node.write_parameters(self.logs)
         self._started_s[name] = time.monotonic()
-        environment = node.variables(self.environment, self.logs)
 
         # Only the planner is isolated: simulator and evaluator are trusted.
         kind = launcher.SUITE
@@ -292,9 +290,7 @@ class _Supervisor:
             kind = launcher.PLANNER
             if self._isolated:
                 kind = f"{launcher.ISOLATED}:{self.store.folder}"
-        self._processes[name] = SupervisedProcess(
-            name, command, environment, self._log(name), sockets, kind, node.input
-        )
+        self._processes[name] = node.start(self.environment, self.logs, sockets, kind)
         # A simulator that is started anew has heard of no planner, either.
         if name != EVALUATOR and PLANNER in self._processes:
             line = private_line.PrivateLine(os.dup(self._evaluator_line.fileno()))

@@ -1,13 +1,14 @@
-"""Launch files of packages that nobody built: the nodes that they start.
+"""Setup and launch files of packages that nobody built: what they install and start.
 
-A launch file is parsed and never executed. Of the nodes, only those of the packages at
-hand are taken: simulators, bridges and viewers of others have no place in a trial.
+Of the nodes that a launch file starts, only those of the packages at hand are taken:
+simulators, bridges and viewers of others have no place in a trial.
 """
 
 import ast
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,71 +23,69 @@ _JOINS = frozenset(["join", "PathJoinSubstitution"])
 _WRAPPERS = frozenset(["ParameterValue", "ParameterFile", "str", "IfCondition"])
 _TRUE = ("true", "1")
 
-
-@dataclass(frozen=True)
-class LaunchedNode:
-    """A node that a launch file starts."""
-
-    package: str
-    executable: str
-
-    # Arguments of the executable, those of ROS included.
-    arguments: tuple[str, ...]
-
-
-def read_launch_file(path: Path, packages: Mapping[str, Path]) -> list[LaunchedNode]:
-    """Return the nodes of the packages that a launch file starts.
-
-    Args:
-        path: File of a launch description in Python.
-        packages: Folders of the packages at hand, by name.
-
-    Raises:
-        ConfigError: If the file is no Python, or computes what a node gets.
-    """
-    try:
-        return _read_tree(path, packages, ast.parse(path.read_bytes()))
-    except (OSError, SyntaxError, ValueError, RecursionError) as error:
-        raise ConfigError(f"{path}: {error}") from None
-
-
-def _read_tree(
-    path: Path, packages: Mapping[str, Path], tree: ast.Module
-) -> list[LaunchedNode]:
-    """Return the nodes of the packages that the code of a launch file starts."""
-    launch = _LaunchFile(path, packages)
-    loads = set()
-    for item in ast.walk(tree):
-        match item:
-            case ast.Name(name, ast.Load()):
-                loads.add(name)
-            case ast.Assign([ast.Name(name)], value):
-                launch.values[name] = value
-            case ast.Call(args=[ast.Constant(str(name)), *_]) if (
-                _function(item) == "DeclareLaunchArgument"
-            ):
-                launch.defaults[name] = _keyword(item, "default_value")
-
-    # What is assigned to a name that nobody reads is not launched.
-    unused = {id(value) for name, value in launch.values.items() if name not in loads}
-    nodes = []
-    for item in ast.walk(tree):
-        if isinstance(item, ast.Call) and id(item) not in unused:
-            nodes += launch.nodes(item)
-    return nodes
+LaunchedNode = tuple[str, str, tuple[str, ...]]
+"""Package, executable, and its arguments, those of ROS included."""
 
 
 @dataclass
-class _LaunchFile:
-    """What the expressions of a launch file stand for."""
+class SourceFile:
+    """A file in Python that is parsed and never executed."""
 
     path: Path
-    packages: Mapping[str, Path]
+    # Folders of the packages at hand, by name.
+    packages: Mapping[str, Path] = field(default_factory=dict)
+    tree: ast.Module = field(default_factory=partial(ast.Module, [], []))
     # Expressions by the name that they are assigned to, and defaults of arguments.
     values: dict[str, ast.expr] = field(default_factory=dict)
     defaults: dict[str, ast.expr | None] = field(default_factory=dict)
 
-    def nodes(self, call: ast.Call) -> Iterator[LaunchedNode]:
+    def __post_init__(self) -> None:
+        """Parse the file; ConfigError if it is no Python."""
+        try:
+            self.tree = ast.parse(self.path.read_bytes())
+        except (OSError, SyntaxError, ValueError) as error:
+            raise ConfigError(f"{self.path}: {error}") from None
+        for item in ast.walk(self.tree):
+            match item:
+                case ast.Assign([ast.Name(name)], value):
+                    self.values[name] = value
+                case ast.Call(args=[ast.Constant(str(name)), *_]) if (
+                    _function(item) == "DeclareLaunchArgument"
+                ):
+                    self.defaults[name] = _keyword(item, "default_value")
+
+    def entries(self, key: str) -> Iterator[str]:
+        """Yield the texts of lists that dictionaries of the file have under a key.
+
+        Raises:
+            ConfigError: If only their execution tells.
+        """
+        for item in ast.walk(self.tree):
+            if isinstance(item, ast.Dict):
+                for name, value in zip(item.keys, item.values, strict=True):
+                    if isinstance(name, ast.Constant) and name.value == key:
+                        yield from self._read(value)
+
+    def launched_nodes(self) -> list[LaunchedNode]:
+        """Return the nodes of the packages at hand that a launch file starts.
+
+        Raises:
+            ConfigError: If only its execution tells what they get.
+        """
+        names = [item for item in ast.walk(self.tree) if isinstance(item, ast.Name)]
+        loads = {item.id for item in names if isinstance(item.ctx, ast.Load)}
+        # What is assigned to a name that nobody reads is not launched.
+        unused = [value for name, value in self.values.items() if name not in loads]
+        nodes = []
+        try:
+            for item in ast.walk(self.tree):
+                if isinstance(item, ast.Call) and item not in unused:
+                    nodes += self._nodes(item)
+        except RecursionError as error:
+            raise ConfigError(f"{self.path}: {error}") from None
+        return nodes
+
+    def _nodes(self, call: ast.Call) -> Iterator[LaunchedNode]:
         """Yield the nodes that a call starts: its own, or those of a file included."""
         match _function(call):
             case "Node":
@@ -94,13 +93,12 @@ class _LaunchFile:
                 condition = self._get(call, "condition", "true")
                 if package in self.packages and str(condition).lower() in _TRUE:
                     executable = self._get(call, "executable")
-                    arguments = tuple(self._arguments(call))
-                    yield LaunchedNode(package, executable, arguments)
+                    yield package, executable, tuple(self._arguments(call))
             case "PythonLaunchDescriptionSource":
                 path = Path(self._text(call.args[0]))
                 # Those of other packages are not at hand.
                 if path.is_file():
-                    yield from read_launch_file(path, self.packages)
+                    yield from SourceFile(path, self.packages).launched_nodes()
 
     def _arguments(self, call: ast.Call) -> Iterator[str]:
         """Yield the arguments that the call of a node gives it."""
@@ -173,8 +171,9 @@ class _LaunchFile:
         line = getattr(value, "lineno", 1)
         text = ast.unparse(value) if value else "**"
         raise ConfigError(
-            f"{self.path}, line {line}: cannot read {text} without executing it; name an"
-            " executable instead, with its parameters behind --ros-args"
+            f"{self.path}, line {line}: cannot read {text} without executing it; name"
+            " what to start: DIR:EXECUTABLE or DIR:MODULE:FUNCTION, its parameters"
+            " behind --ros-args"
         )
 
     def _read_call(self, call: ast.Call) -> Any:
