@@ -258,7 +258,7 @@ def find_module(name: str, folders: Sequence[Path]) -> Path | None:
     return None
 
 
-def _explain_compiled(packages: list[Path]) -> str:
+def _explain_compiled(packages: Sequence[Path]) -> str:
     """Return what of packages is compiled and how that is started, empty if nothing."""
     for package in packages:
         text = _read(package / _CMAKE)

@@ -76,7 +76,7 @@ class SourceFile:
         loads = {item.id for item in names if isinstance(item.ctx, ast.Load)}
         # What is assigned to a name that nobody reads is not launched.
         unused = [value for name, value in self.values.items() if name not in loads]
-        nodes = []
+        nodes: list[LaunchedNode] = []
         try:
             for item in ast.walk(self.tree):
                 if isinstance(item, ast.Call) and item not in unused:

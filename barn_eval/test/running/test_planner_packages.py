@@ -204,7 +204,11 @@ COMPILED = "add_executable(planner_node src/planner.cpp)\n"
             ":folower",
             "no executable 'folower'; did you mean 'follower'?",
         ),
-        ({"setup.py": COMPUTED}, "", r"p/setup.py, line 2: cannot read name\(\) without"),
+        (
+            {"setup.py": COMPUTED},
+            "",
+            r"p/setup.py, line 2: cannot read name\(\) without",
+        ),
         ({"setup.py": "def ("}, "", "p/setup.py: .*invalid syntax|was never closed"),
         ({"setup.cfg": "x"}, "", "p/setup.cfg: File contains no section headers"),
         ({"setup.py": ""}, "", "name the function to start: DIR:MODULE:FUNCTION"),
