@@ -98,7 +98,8 @@ _EXECUTION = ExecutionConfig()
     "--planner-package",
     multiple=True,
     metavar="[NAME=]DIR[:EXECUTABLE]",
-    help="Start one from the source of its ROS package, without a build; repeatable.",
+    help="Start an executable or launch file from the source of its ROS package, without"
+    " a build; repeatable.",
 )
 @click.option(
     "--planner-input",

@@ -5,7 +5,6 @@ the text of `--planner-package`: DIR, DIR:EXECUTABLE, DIR:FILE.launch.py,
 DIR:MODULE:FUNCTION or FILE.py[:FUNCTION], with arguments behind.
 """
 
-import configparser
 import json
 import re
 import sys
@@ -30,7 +29,7 @@ _LARGEST_BYTES = 1 << 20
 _DEPTH = 4
 # What a build leaves, where the same packages lie again.
 _BUILD_FOLDERS = frozenset(["build", "install", "log"])
-_SCRIPT = re.compile(r"\s*([\w.-]+)\s*=\s*([\w.]+:\w+)")
+_SCRIPT = re.compile(r"\s*([\w.-]+)\s*=\s*([\w.]+:\w+)\s*")
 _PROGRAMS = re.compile(r"install\s*\(\s*PROGRAMS\s([^)]*?)\sDESTINATION", re.DOTALL)
 _COMPILED = re.compile(r"add_executable\s*\(\s*([\w${}.-]+)")
 _NO_EXECUTABLES = (
@@ -300,12 +299,12 @@ def _read(path: Path) -> str:
 def _read_executables(package: Path) -> list[Executable]:
     """Return the Python executables that a package installs."""
     executables = []
-    lines = _setup_cfg_scripts(package)
+    lines = _read(package / "setup.cfg").splitlines()
     setup = package / _SETUP
     if setup.is_file():
         lines += SourceFile(setup).entries("console_scripts")
     for line in lines:
-        match = _SCRIPT.match(line)
+        match = _SCRIPT.fullmatch(line)
         if match:
             executables.append(Executable(match[1], package, match[2]))
     for programs in _PROGRAMS.findall(_read(package / _CMAKE)):
@@ -313,14 +312,3 @@ def _read_executables(package: Path) -> list[Executable]:
             if script.endswith(".py"):
                 executables.append(Executable(Path(script).name, package, script))
     return executables
-
-
-def _setup_cfg_scripts(package: Path) -> list[str]:
-    """Return the lines of console_scripts in setup.cfg."""
-    parser = configparser.ConfigParser(interpolation=None)
-    try:
-        parser.read_string(_read(package / "setup.cfg"))
-    except configparser.Error as error:
-        raise ConfigError(f"{package / 'setup.cfg'}: {error}") from None
-    scripts = parser.get("options.entry_points", "console_scripts", fallback="")
-    return scripts.splitlines()

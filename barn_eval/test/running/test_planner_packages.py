@@ -210,7 +210,6 @@ COMPILED = "add_executable(planner_node src/planner.cpp)\n"
             r"p/setup.py, line 2: cannot read name\(\) without",
         ),
         ({"setup.py": "def ("}, "", "p/setup.py: .*invalid syntax|was never closed"),
-        ({"setup.cfg": "x"}, "", "p/setup.cfg: File contains no section headers"),
         ({"setup.py": ""}, "", "name the function to start: DIR:MODULE:FUNCTION"),
         (
             {"CMakeLists.txt": COMPILED},
