@@ -62,7 +62,7 @@ class Batch:
     scenes: ScenePool
     """Physics clients for contacts, which `close` ends."""
 
-    def __init__(self, count: int, config: SimulatorConfig) -> None:
+    def __init__(self, count: int, config: SimulatorConfig):
         """Make room for simulators.
 
         Args:

@@ -21,7 +21,7 @@ class SimulatorMessages:
         frames: Frames = FRAMES,
         scan_period_s: float | None = None,
         start: Pose2D = ORIGIN,
-    ) -> None:
+    ):
         """Prepare the encoders of all topics.
 
         Args:

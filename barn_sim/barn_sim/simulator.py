@@ -49,7 +49,7 @@ class Simulator:
         *,
         fleet: Fleet | None = None,
         index: int = 0,
-    ) -> None:
+    ):
         """Put the robot on the ground at the start pose, at rest.
 
         Args:

@@ -108,7 +108,7 @@ class Results:
 
     def __init__(
         self, folder: Path, planner_objects: Mapping[str, PlannerObject] | None = None
-    ) -> None:
+    ):
         """Read a folder.
 
         Args:

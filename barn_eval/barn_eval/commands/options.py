@@ -133,7 +133,7 @@ def parameters_option(
 class _ParametersOption(click.Option):
     """A repeatable option KEY=VALUE for the parameters of a configuration."""
 
-    def __init__(self, *names: Any, config: object = None, **attributes: Any) -> None:
+    def __init__(self, *names: Any, config: object = None, **attributes: Any):
         """Make an option; `config` has the parameters with their defaults."""
         super().__init__(*names, **attributes)
         self.config = config

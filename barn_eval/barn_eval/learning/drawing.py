@@ -37,7 +37,7 @@ _TRAIL_STEP_S = 0.1
 class TopView:
     """Draws one episode from above. The world is drawn once."""
 
-    def __init__(self, spec: TrialSpec, index: int = 0) -> None:
+    def __init__(self, spec: TrialSpec, index: int = 0):
         """Draw what never moves: the world, its path and the goal's circle.
 
         Args:

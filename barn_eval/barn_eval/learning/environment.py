@@ -52,7 +52,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         render_mode: str | None = None,
         fitted_dataset: Dataset | None = None,
         **changes: object,
-    ) -> None:
+    ):
         """Make an environment.
 
         Args:

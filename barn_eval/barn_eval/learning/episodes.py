@@ -46,7 +46,7 @@ class Episodes:
         config: EnvConfig,
         simulator: SimulatorConfig,
         safety: CollisionCheckConfig,
-    ) -> None:
+    ):
         """Make arrays and a batch of simulators for `count` robots; begin no trial.
 
         Args:

@@ -41,7 +41,7 @@ class JackalVectorEnv(SyncVectorEnv):
         render_mode: str | None = None,
         max_episode_steps: int | None = None,
         **changes: object,
-    ) -> None:
+    ):
         """Make `num_envs` environments that share one batch of simulators.
 
         Args:

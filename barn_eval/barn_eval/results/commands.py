@@ -26,7 +26,7 @@ _MAX_BYTES = 16 * MAX_COMMANDS
 class PlannerCycles:
     """When a trial asks its planner, and how late the commands take effect."""
 
-    def __init__(self, spec: TrialSpec) -> None:
+    def __init__(self, spec: TrialSpec):
         """Begin with delays as the trial declares or has recorded them."""
         config = spec.simulator
         self._timer = CycleTimer(spec.compute, spec.planner_seed, spec.recorded_ns)

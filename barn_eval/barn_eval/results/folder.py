@@ -65,7 +65,7 @@ class ResultsFolder:
             Later ones are in the files alone, so that memory does not grow with them.
     """
 
-    def __init__(self, path: Path, specs: Sequence[TrialSpec], results: Rows) -> None:
+    def __init__(self, path: Path, specs: Sequence[TrialSpec], results: Rows):
         """Prepare a folder that `open` has locked; nothing is read or written.
 
         `results` are the scored rows that the folder has.

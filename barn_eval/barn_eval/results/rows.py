@@ -57,7 +57,7 @@ _SEAL = re.compile(r',\s*"crc32":\s*"([0-9a-f]{8})"\}$')
 class RowFile:
     """The rows of one folder, in the order in which trials ended; it has one writer."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path):
         """Use results.jsonl in a run's folder; it need not be there yet."""
         self.path = folder / ROWS_FILE
 
@@ -95,7 +95,7 @@ class RowFile:
 class RowParser:
     """Parses rows of one folder, which an earlier version may have written."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path):
         """Name the run's folder, whose run.json says what an old row lacks."""
         self._folder = folder
 
@@ -144,7 +144,7 @@ class TrialLines(Mapping[str, str]):
     Only their places are kept. A line is read when it is asked for.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path):
         """Find and check all lines of a file, but a last one that a kill cut off.
 
         Args:

@@ -223,7 +223,7 @@ def _await_graph(process: SupervisedProcess, view: GraphView, node: Node) -> Gra
 class _Observation:
     """Times of scans and commands while a planner has a goal."""
 
-    def __init__(self, attempt: Attempt, node: Node, graph: Graph) -> None:
+    def __init__(self, attempt: Attempt, node: Node, graph: Graph):
         """Subscribe to commands and scans under the planner's names."""
         self._attempt = attempt
         self._node = node

@@ -25,7 +25,7 @@ _LONGEST_TURN_S = 0.02  # that counts of the time between two spins
 class TrialEnded(Exception):
     """Something ends the trial with an outcome that the referee does not decide."""
 
-    def __init__(self, outcome: Outcome, detail: str, culprit: str = "") -> None:
+    def __init__(self, outcome: Outcome, detail: str, culprit: str = ""):
         """Describe the end.
 
         Args:
@@ -42,7 +42,7 @@ class TrialEnded(Exception):
 class PlannerNotReady(TrialEnded):
     """The planner has not done its part before the trial begins."""
 
-    def __init__(self, detail: str) -> None:
+    def __init__(self, detail: str):
         """End the trial as PLANNER_NOT_READY; `detail` is what is missing."""
         super().__init__(Outcome.PLANNER_NOT_READY, detail)
 
@@ -59,7 +59,7 @@ class EvaluatorLoop:
         node: Node,
         supervisor: EventChannel | None,
         on_exit: Callable[[str], None],
-    ) -> None:
+    ):
         """Prepare the executor of the node.
 
         Args:

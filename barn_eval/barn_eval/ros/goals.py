@@ -34,9 +34,7 @@ class TopicGoal:
     action: tuple[str, str] | None = None
     action_result: str | None = None
 
-    def __init__(
-        self, loop: EvaluatorLoop, view: GraphView, config: EvaluatorConfig
-    ) -> None:
+    def __init__(self, loop: EvaluatorLoop, view: GraphView, config: EvaluatorConfig):
         """Create the publisher.
 
         Args:
@@ -80,7 +78,7 @@ class TopicGoal:
 class ActionGoal:
     """Goals of an action such as NavigateToPose, which reports their result."""
 
-    def __init__(self, loop: EvaluatorLoop, config: EvaluatorConfig) -> None:
+    def __init__(self, loop: EvaluatorLoop, config: EvaluatorConfig):
         """Create the action client.
 
         Args:

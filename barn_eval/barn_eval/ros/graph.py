@@ -34,7 +34,7 @@ class GraphView:
     to be there before it is.
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node):
         """Look at the graph through a node; its own process is left out."""
         self._node = node
         self._participant = read_endpoint_identity(node)[:PARTICIPANT_BYTES]

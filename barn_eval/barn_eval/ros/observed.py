@@ -49,7 +49,7 @@ class ObservedSystem:
         config: EvaluatorConfig,
         subscriber: Subscriber,
         topics: TrialTopics,
-    ) -> None:
+    ):
         """Offer ~/start, ~/contact and ~/abort, and listen to keys; wait for nothing.
 
         Args:
@@ -225,7 +225,7 @@ class ObservedQueue(TrialQueue):
         subscriber: Subscriber,
         topics: TrialTopics,
         reset_ns: int,
-    ) -> None:
+    ):
         """Prepare for the first pose after a reset.
 
         Args:

@@ -52,9 +52,7 @@ class PlannerClient:
     Methods raise TrialEnded where the planner does not do its part within a limit.
     """
 
-    def __init__(
-        self, loop: EvaluatorLoop, view: GraphView, config: EvaluatorConfig
-    ) -> None:
+    def __init__(self, loop: EvaluatorLoop, view: GraphView, config: EvaluatorConfig):
         """Create publishers and clients for goal, map and services; wait for nothing.
 
         Args:

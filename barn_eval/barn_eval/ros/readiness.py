@@ -296,7 +296,7 @@ class Watchdog:
         now_s: float,
         commands: int = 0,
         tick: str = "no tick of /clock",
-    ) -> None:
+    ):
         """Start the watch of a trial.
 
         Args:

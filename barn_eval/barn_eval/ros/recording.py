@@ -39,7 +39,7 @@ class Recording:
         subscriber: Subscriber,
         exclude: Collection[str],
         required: Collection[str],
-    ) -> None:
+    ):
         """Create the publishers of the evaluator's own topics.
 
         Args:

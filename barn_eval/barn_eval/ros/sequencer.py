@@ -58,7 +58,7 @@ class TickSequencer:
         fenced: bool = False,
         command_topic: str = "",
         answered_ns: Collection[int] = (),
-    ) -> None:
+    ):
         """Start without a tick.
 
         Args:

@@ -38,7 +38,7 @@ class SimulatorChannel:
 
     def __init__(
         self, loop: EvaluatorLoop, line: PrivateLine, topic_names: Mapping[str, str]
-    ) -> None:
+    ):
         """Take over the line: from now on every spin of the loop reads it.
 
         Args:
@@ -184,7 +184,7 @@ class SimulatorClient:
         loop: EvaluatorLoop,
         request: Callable[..., str],
         config: EvaluatorConfig,
-    ) -> None:
+    ):
         """Prepare requests; ask the simulator for nothing yet.
 
         Args:

@@ -69,7 +69,7 @@ class Subscriber:
     It keeps latched messages: they are sent only once, and every bag needs them.
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node):
         """Begin without topics; `node` makes the subscriptions."""
         # Consecutive reads that could not take all messages.
         self.full_reads = 0
@@ -188,7 +188,7 @@ class TrialQueue:
         topics: TrialTopics,
         reset_ns: int,
         channel: SimulatorChannel | None,
-    ) -> None:
+    ):
         """Prepare for the first message after a reset.
 
         Args:

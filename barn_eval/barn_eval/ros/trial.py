@@ -77,7 +77,7 @@ class RunContext:
         node: Node,
         config: EvaluatorConfig,
         supervisor: EventChannel | None,
-    ) -> None:
+    ):
         """Create subscriptions, clients and the view of the graph for all trials.
 
         Args:
@@ -190,7 +190,7 @@ class RosTrial:
         recorder: Recorder | None,
         *,
         first: bool,
-    ) -> None:
+    ):
         """Prepare a trial with its referee; send nothing yet.
 
         Args:

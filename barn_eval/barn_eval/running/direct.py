@@ -149,7 +149,7 @@ def _blame_planner() -> Iterator[None]:
 class _DirectTrial:
     """The loop of a trial: read the sensors, ask the planner, record, step."""
 
-    def __init__(self, spec: TrialSpec, planner: Planner, bag: TrialBag | None) -> None:
+    def __init__(self, spec: TrialSpec, planner: Planner, bag: TrialBag | None):
         """Prepare referee, timer and planner; the simulator is made in `run`."""
         self.trial = RunningTrial(spec)
         self.cycle_times: list[CycleTime] = []

@@ -42,7 +42,7 @@ class LocalPool(WorkerPool):
     A job, or a part of one, that exceeds the time limit costs its worker's life.
     """
 
-    def __init__(self, work: Work, workers: int, trial_limit_s: float) -> None:
+    def __init__(self, work: Work, workers: int, trial_limit_s: float):
         """Prepare the pool; no process starts yet.
 
         Args:
@@ -144,7 +144,7 @@ class _Worker:
 
     def __init__(
         self, name: str, work: bytes, environment: dict[str, str], limit_s: float
-    ) -> None:
+    ):
         """Start the process and send it its pickled work; do not wait."""
         self.name = name
         self.key: str | None = None  # of its job; None while it is idle

@@ -57,7 +57,7 @@ class PlannerObject:
 class FunctionPlanner(Planner):
     """A planner that asks a function of the observation, or of observation and task."""
 
-    def __init__(self, function: Callable[..., Any]) -> None:
+    def __init__(self, function: Callable[..., Any]):
         """Keep a function of the observation, or of observation and task."""
         self._function = function
         self._takes_task = _accepts(function, 2)

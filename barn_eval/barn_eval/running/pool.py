@@ -247,7 +247,7 @@ class InlinePool(WorkerPool):
 
     slots = 1
 
-    def __init__(self, work: Work) -> None:
+    def __init__(self, work: Work):
         """Keep the work, which is done in the calling process."""
         self._work = work
         self._reports: list[Report] = []

@@ -27,7 +27,7 @@ class RayPool(WorkerPool):
 
     def __init__(
         self, work: Work, workers: int, trial_limit_s: float, address: str = ""
-    ) -> None:
+    ):
         """Connect to a cluster, or start Ray here.
 
         Args:

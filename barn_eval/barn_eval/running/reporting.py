@@ -75,9 +75,7 @@ class Reporter:
 class ConsoleReporter(Reporter):
     """Prints notices and, on a terminal or in a notebook, a table with a bar."""
 
-    def __init__(
-        self, console: Console, verbosity: Verbosity = Verbosity.NORMAL
-    ) -> None:
+    def __init__(self, console: Console, verbosity: Verbosity = Verbosity.NORMAL):
         """Print to a console of rich; there is no bar before `show_progress`."""
         self._console = console
         self._verbosity = verbosity
@@ -141,7 +139,7 @@ class _LiveTable(Progress):
 
     def __init__(
         self, progress: "RunProgress", *columns: ProgressColumn, **options: Any
-    ) -> None:
+    ):
         """Show the tallies of `progress`; the rest is as for `Progress`."""
         self._progress = progress
         super().__init__(*columns, **options)
@@ -199,7 +197,7 @@ class RunProgress:
 
     def __init__(
         self, total: int, completed: Sequence[TrialResult], reporter: Reporter
-    ) -> None:
+    ):
         """Begin a session.
 
         Args:

@@ -200,7 +200,7 @@ class Tuner:
         by: Sequence[str],
         unseen: str | None,
         reporter: Reporter,
-    ) -> None:
+    ):
         """Check ranges, measures and worlds; see `tune` for arguments and errors."""
         self.ranges = ranges.parameters
         self.reporter = reporter

@@ -36,9 +36,7 @@ class Referee:
     first reading.
     """
 
-    def __init__(
-        self, protocol: Protocol, course: Course, declared_mps: float = 0.0
-    ) -> None:
+    def __init__(self, protocol: Protocol, course: Course, declared_mps: float = 0.0):
         """Prepare for the first reading.
 
         Args:

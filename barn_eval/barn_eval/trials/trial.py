@@ -170,7 +170,7 @@ class RunningTrial:
         traceback: Of the exception that the planner raised.
     """
 
-    def __init__(self, spec: TrialSpec, *, logged: bool = True) -> None:
+    def __init__(self, spec: TrialSpec, *, logged: bool = True):
         """Prepare for the first reading.
 
         Args:

@@ -104,7 +104,7 @@ def describe_other_task(run_file: RunFile, config: RunConfig) -> str:
 class _Checker:
     """Checks one folder, and collects what is wrong with it."""
 
-    def __init__(self, folder: Path, run_file: RunFile, config: RunConfig) -> None:
+    def __init__(self, folder: Path, run_file: RunFile, config: RunConfig):
         """Make the run's trials, reading their worlds; no row is read yet."""
         self._folder = folder
         self._run_file = run_file

@@ -140,7 +140,7 @@ def load_model(path: Path | str | None = None) -> DifficultyModel:
 class _NetworkReader:
     """Reads one network of a file and checks that its arrays fit together."""
 
-    def __init__(self, path: Path, arrays: Arrays, number: int) -> None:
+    def __init__(self, path: Path, arrays: Arrays, number: int):
         """Read the arrays whose names begin with m and the network's number."""
         self._path = path
         self._arrays = arrays

@@ -130,7 +130,7 @@ class _PolicyHeader:
 class PolicyNetwork:
     """Evaluates a policy, with the same bits for any number of threads."""
 
-    def __init__(self, policy: Policy) -> None:
+    def __init__(self, policy: Policy):
         """Copy weights and biases in double precision."""
         self.observation = policy.observation
         self.action = policy.action

@@ -58,7 +58,7 @@ class _Metadata:
 class OnnxNetwork:
     """Evaluates an ONNX model on one thread."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path):
         """Read and check a file.
 
         Raises:

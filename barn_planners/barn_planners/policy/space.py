@@ -132,7 +132,7 @@ class PolicyAction(Checked):
 class FrameStack:
     """The last frames of some robots, from which their observations are made."""
 
-    def __init__(self, count: int, config: PolicyObservation) -> None:
+    def __init__(self, count: int, config: PolicyObservation):
         """Prepare for the first frames of `count` robots."""
         self._config = config
         # As far back as a vector reaches, the newest first.
@@ -171,7 +171,7 @@ class ObservationEncoder:
     It stores which beams fall into which sector, as that is the same for all scans.
     """
 
-    def __init__(self, config: PolicyObservation) -> None:
+    def __init__(self, config: PolicyObservation):
         """Store the limits; the first scan decides which beams a sector has."""
         self.config = config
         # Number of beams, first angle and increment that the sectors were computed for.

@@ -111,7 +111,7 @@ class PlannerMessages:
         *,
         stamped: bool = False,
         view_period_s: float = topics.PLAN.period_s,
-    ) -> None:
+    ):
         """Prepare the encoders; nothing is sent here or by any method.
 
         Args:

@@ -23,7 +23,7 @@ class DriveController:
         tick_s: float,
         fleet: Fleet,
         index: int,
-    ) -> None:
+    ):
         """Fill in the settings of the drive.
 
         Args:

@@ -42,7 +42,7 @@ _LEVEL = 1e-12
 class Tires:
     """Springs and dampers under the wheels and casters of a robot."""
 
-    def __init__(self, model: RobotModel, config: PhysicsConfig) -> None:
+    def __init__(self, model: RobotModel, config: PhysicsConfig):
         """Choose springs that give way as configured under the robot's weight.
 
         Args:

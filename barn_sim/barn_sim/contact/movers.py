@@ -42,7 +42,7 @@ class Movers:
         phase_s: float,
         config: SimulatorConfig,
         gap_m: float,
-    ) -> None:
+    ):
         """Put up the walls and moving obstacles of a world.
 
         Args:

@@ -79,7 +79,7 @@ class Obstacles:
 
     def __init__(
         self, model: RobotModel, world: World, config: ObstacleConfig, gap_m: float
-    ) -> None:
+    ):
         """Put up the cylinders of a world.
 
         Args:

@@ -31,7 +31,7 @@ class ContactScene:
     robot: int
     """PyBullet's number of the robot's body."""
 
-    def __init__(self, model: RobotModel, config: PhysicsConfig) -> None:
+    def __init__(self, model: RobotModel, config: PhysicsConfig):
         """Create a client with the ground and the robot.
 
         Args:

@@ -136,7 +136,7 @@ class Studio(AbstractContextManager["Studio"]):
         trail_m: Floats = _NO_POINTS,
         moving: Bodies | None = None,
         chassis: Chassis = STANDARD_ROBOT.chassis,
-    ) -> None:
+    ):
         """Build the scene.
 
         Args:

@@ -60,7 +60,7 @@ class RobotMotion:
 
     def __init__(
         self, config: SimulatorConfig, scenes: ScenePool, fleet: Fleet, index: int
-    ) -> None:
+    ):
         """Fill in the settings of the fleet.
 
         Args:

@@ -59,7 +59,7 @@ class Leader:
         *,
         reset: Callable[[], Answer],
         pause: Callable[[bool], Answer],
-    ) -> None:
+    ):
         """Listen to the line in a thread, and refuse changes of parameters.
 
         Args:

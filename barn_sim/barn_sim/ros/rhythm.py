@@ -37,7 +37,7 @@ class Rhythm:
     missed: int
     """Waits of the trial that were in vain, without those of a search that succeeded."""
 
-    def __init__(self, rate_hz: float = 0.0) -> None:
+    def __init__(self, rate_hz: float = 0.0):
         """Start with the declared rate of commands; 0 if none is declared."""
         self.period_ns = 0
         self.is_declared = rate_hz > 0.0

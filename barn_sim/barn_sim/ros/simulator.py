@@ -80,7 +80,7 @@ class SimulatorNode(Node):
     stopping: bool
     """Set to end `run`."""
 
-    def __init__(self, executor: SingleThreadedExecutor) -> None:
+    def __init__(self, executor: SingleThreadedExecutor):
         """Declare the parameters, load the world and advertise topics and services.
 
         Args:

@@ -57,9 +57,7 @@ class CommandInput:
     complaint: str
     """What is wrong with the publishers, or an empty text."""
 
-    def __init__(
-        self, node: Node, kind: str, take: Callable[[Velocity2D], None]
-    ) -> None:
+    def __init__(self, node: Node, kind: str, take: Callable[[Velocity2D], None]):
         """Subscribe to cmd_vel.
 
         Args:
@@ -152,7 +150,7 @@ class Outputs:
 
     def __init__(
         self, node: Node, config: SimulatorNodeConfig, line: PrivateLine | None = None
-    ) -> None:
+    ):
         """Create the publishers.
 
         Args:

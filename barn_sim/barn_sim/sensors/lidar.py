@@ -40,7 +40,7 @@ class Lidar:
     ages_ns: Floats
     """Time (n,) from each beam of a sweep to the last one; 0 if the lidar does not."""
 
-    def __init__(self, config: LidarConfig, rng: np.random.Generator) -> None:
+    def __init__(self, config: LidarConfig, rng: np.random.Generator):
         """Set up a lidar.
 
         Args:

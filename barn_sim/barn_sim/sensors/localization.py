@@ -21,7 +21,7 @@ class FilterLocalization:
     over the updates, with the configured standard deviations from the first one on.
     """
 
-    def __init__(self, config: LocalizationConfig, rng: np.random.Generator) -> None:
+    def __init__(self, config: LocalizationConfig, rng: np.random.Generator):
         """Draw the first error.
 
         Args:

@@ -28,7 +28,7 @@ class FusedOdometry:
         start_yaw: float,
         fleet: Fleet,
         index: int,
-    ) -> None:
+    ):
         """Reset the odometry of a robot, which needs an `update` before it is read.
 
         Args:

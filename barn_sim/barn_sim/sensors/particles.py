@@ -45,7 +45,7 @@ class ParticleLocalization:
         occupancy: OccupancyMap,
         start: Pose2D,
         mount: Pose2D,
-    ) -> None:
+    ):
         """Spread the particles around the start pose.
 
         Args:

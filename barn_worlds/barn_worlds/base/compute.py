@@ -72,9 +72,7 @@ class CycleTimer:
     delays_ns: list[int]
     """Delays of all cycles so far."""
 
-    def __init__(
-        self, compute: Compute, seed: int, recorded_ns: Sequence[int] = ()
-    ) -> None:
+    def __init__(self, compute: Compute, seed: int, recorded_ns: Sequence[int] = ()):
         """Start before the first cycle, free, with no delays so far.
 
         Args:

@@ -40,7 +40,7 @@ class GazeboFile:
     Methods raise WorldError for content that the suite does not read.
     """
 
-    def __init__(self, content: bytes, where: str) -> None:
+    def __init__(self, content: bytes, where: str):
         """Parse SDF; WorldError for bad XML, a document type or too many tags.
 
         Args:

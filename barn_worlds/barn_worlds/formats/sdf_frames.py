@@ -30,7 +30,7 @@ class Scope:
 
     def __init__(
         self, element: Element, where: str, pose: Transform, state: Element | None
-    ) -> None:
+    ):
         """Keep a <world> or <model> whose pose is known.
 
         Args:

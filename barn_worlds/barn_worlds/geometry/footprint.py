@@ -19,7 +19,7 @@ class Footprint:
     # x_min, y_min, x_max, y_max.
     extent_m: Floats
 
-    def __init__(self, corners_m: Floats, radius_m: float = 0.0) -> None:
+    def __init__(self, corners_m: Floats, radius_m: float = 0.0):
         """Take corners (k, 2) in base_link in m and, of a disc about it, the radius.
 
         Args:
@@ -131,7 +131,7 @@ class Footprint:
 class Rectangle(Footprint):
     """A rectangle along x and y: a polygon with faster kernels."""
 
-    def __init__(self, extent_m: Sequence[float]) -> None:
+    def __init__(self, extent_m: Sequence[float]):
         """Take x_min, y_min, x_max and y_max in m, in base_link."""
         left, low, right, high = extent_m
         super().__init__(

@@ -102,7 +102,7 @@ class Template:
 
     type_name: str
 
-    def __init__(self, message: Message, fields: Sequence[str]) -> None:
+    def __init__(self, message: Message, fields: Sequence[str]):
         """Serialize a message once; only the fields named here vary afterwards.
 
         Args:

@@ -54,7 +54,7 @@ class Encoder(Generic[T]):
         fields: Iterable[str],
         values: Callable[[T], Iterable[Any]],
         **constants: object,
-    ) -> None:
+    ):
         """Serialize a message once; `encode` writes stamp and `fields` into its bytes.
 
         Args:
@@ -83,7 +83,7 @@ class Encoder(Generic[T]):
 class OdometryEncoder(Encoder[Odometry]):
     """Encodes nav_msgs/Odometry."""
 
-    def __init__(self, frame: str, child_frame: str) -> None:
+    def __init__(self, frame: str, child_frame: str):
         """Set the constant frames of pose (frame) and velocity (child frame)."""
         fields = _pose_fields("pose.pose")
         fields += ["twist.twist.linear.x", "twist.twist.angular.z"]
@@ -106,9 +106,7 @@ class PoseWithCovarianceEncoder(Encoder[Pose2D]):
     Its variances of x, y (m2) and yaw (rad2) are fixed.
     """
 
-    def __init__(
-        self, frame: str, variances: Sequence[float] = (0.0, 0.0, 0.0)
-    ) -> None:
+    def __init__(self, frame: str, variances: Sequence[float] = (0.0, 0.0, 0.0)):
         """Set the constant frame, and variances of x, y (m2), yaw (rad2)."""
         pose = make_message("geometry_msgs/msg/PoseWithCovariance")
         # The diagonal of the 6 x 6 matrix of x, y, z, roll, pitch, yaw.
@@ -125,7 +123,7 @@ class PoseWithCovarianceEncoder(Encoder[Pose2D]):
 class PoseStampedEncoder(Encoder[Pose2D]):
     """Encodes geometry_msgs/PoseStamped."""
 
-    def __init__(self, frame: str) -> None:
+    def __init__(self, frame: str):
         """Set the constant frame of the header."""
         fields = _pose_fields("pose")
         super().__init__("geometry_msgs/msg/PoseStamped", frame, fields, _pose_values)
@@ -134,7 +132,7 @@ class PoseStampedEncoder(Encoder[Pose2D]):
 class ScanEncoder(Encoder[Scan]):
     """Encodes sensor_msgs/LaserScan with the beams and limits of a first scan."""
 
-    def __init__(self, first: Scan, frame: str, period_s: float) -> None:
+    def __init__(self, first: Scan, frame: str, period_s: float):
         """Set constants: frame, scan time, and angles and limits of a first scan."""
         beams = len(first.ranges)
         super().__init__(
@@ -155,7 +153,7 @@ class ScanEncoder(Encoder[Scan]):
 class TwistStampedEncoder(Encoder[Velocity2D]):
     """Encodes geometry_msgs/TwistStamped."""
 
-    def __init__(self, frame: str) -> None:
+    def __init__(self, frame: str):
         """Set the constant frame of the header."""
         super().__init__(
             "geometry_msgs/msg/TwistStamped",
@@ -171,7 +169,7 @@ class JointEncoder(Encoder[tuple[Sequence[float], Sequence[float]]]):
     The content is positions (rad) and velocities (rad/s) in the order of the list.
     """
 
-    def __init__(self, names: Sequence[str]) -> None:
+    def __init__(self, names: Sequence[str]):
         """Set the constant names of the joints; the header has no frame."""
         # Efforts stay empty: nobody measures them.
         zeros = np.zeros(len(names))
@@ -191,7 +189,7 @@ class TransformEncoder:
 
     type_name = "tf2_msgs/msg/TFMessage"
 
-    def __init__(self, frames: Sequence[tuple[str, str]]) -> None:
+    def __init__(self, frames: Sequence[tuple[str, str]]):
         """Serialize a message once for fixed pairs of frames.
 
         Args:
@@ -235,7 +233,7 @@ class PathEncoder:
 
     type_name = "nav_msgs/msg/Path"
 
-    def __init__(self, frame: str) -> None:
+    def __init__(self, frame: str):
         """Prepare the bytes of a path and of one pose, both in the same frame."""
         pose = make_message("geometry_msgs/msg/PoseStamped", header=make_header(frame))
         pose.pose.orientation.w = 1.0

@@ -45,7 +45,7 @@ class Tracks:
     fastest_mps: Floats
     table: MotionTable
 
-    def __init__(self, obstacles: Sequence[MovingObstacle]) -> None:
+    def __init__(self, obstacles: Sequence[MovingObstacle]):
         """Tabulate motions, sizes and top speeds of obstacles, in their order."""
         self.names = tuple(obstacle.name for obstacle in obstacles)
         # Floats, also if all numbers are integers: kernels have one type.

@@ -49,7 +49,7 @@ class MapServerConfig(Checked):
 class MapServer(Node):
     """The node; raises BarnError if its parameters do not name a world."""
 
-    def __init__(self, **options: Any) -> None:
+    def __init__(self, **options: Any):
         """Declare parameters, publish the world once and offer ~/reload."""
         super().__init__("map_server", **options)
         self._map_publisher = create_publisher(self, MAP)

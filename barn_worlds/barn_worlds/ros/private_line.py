@@ -49,9 +49,7 @@ def create_ends() -> tuple[socket.socket, socket.socket]:
 class PrivateLine:
     """One end of the line."""
 
-    def __init__(
-        self, descriptor: int, waits: Callable[[], bool] = lambda: True
-    ) -> None:
+    def __init__(self, descriptor: int, waits: Callable[[], bool] = lambda: True):
         """Take over the socket of one end by its file descriptor.
 
         Args:

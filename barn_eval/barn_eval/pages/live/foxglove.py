@@ -38,7 +38,7 @@ def require_sdk() -> None:
 class FoxgloveStream:
     """Follows the trials of a results folder and serves them until it is closed."""
 
-    def __init__(self, folder: Path, *, host: str, port: int = LIVE_PORT) -> None:
+    def __init__(self, folder: Path, *, host: str, port: int = LIVE_PORT):
         """Start to serve and to follow the bags of a folder; do not wait.
 
         Args:
@@ -146,7 +146,7 @@ class FoxgloveStream:
 class _Listener:
     """Collects the channels that viewers subscribe to, for their latched messages."""
 
-    def __init__(self, new_channel_ids: set[int]) -> None:
+    def __init__(self, new_channel_ids: set[int]):
         """Keep the set to which the IDs of subscribed channels are added."""
         self._new_channel_ids = new_channel_ids
 

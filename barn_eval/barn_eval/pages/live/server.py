@@ -54,7 +54,7 @@ _HEADERS = {
 class RunState:
     """The state of a results folder, computed anew only when its rows have changed."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path):
         """Watch a folder; ConfigError if it holds no run."""
         RunFile.read(folder)
         self.folder = folder
@@ -221,7 +221,7 @@ class PageServer(ThreadingHTTPServer):
 
     def __init__(
         self, folder: str | Path, *, host: str = LOOPBACK, port: int = PAGE_PORT
-    ) -> None:
+    ):
         """Start to serve in a thread; do not wait.
 
         Args:

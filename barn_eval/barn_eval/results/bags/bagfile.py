@@ -55,7 +55,7 @@ class BagFile:
         problem: Why the end of `messages` is not the end of the bag, empty if it is.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path):
         """Find the files of a bag (folder or file) and open none; else BagError."""
         self.path = path
         self.metadata: dict[str, dict[str, str]] = {}
@@ -197,7 +197,7 @@ class TrialFollower:
     Of several trials at a time it follows one.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path):
         """Follow unfinished bags in a run's folder; none is opened before `read`."""
         self._bags = folder / BAGS
         self._current: McapFile | None = None

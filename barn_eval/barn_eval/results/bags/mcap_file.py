@@ -61,7 +61,7 @@ class McapFile:
         ended: Whether the last record was read.
     """
 
-    def __init__(self, path: Path, metadata: dict[str, dict[str, str]]) -> None:
+    def __init__(self, path: Path, metadata: dict[str, dict[str, str]]):
         """Open a file.
 
         Args:

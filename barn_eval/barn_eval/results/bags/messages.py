@@ -88,7 +88,7 @@ _BLACK = (0.0, 0.0, 0.0, 1.0)
 class ScoreReporter:
     """Reports how a trial stands, twice a second and once more at the verdict."""
 
-    def __init__(self, spec: TrialSpec) -> None:
+    def __init__(self, spec: TrialSpec):
         """Begin with messages due at once."""
         self._course = spec.course
         self._title = f"{spec.planner}, {spec.world.name}"
@@ -185,7 +185,7 @@ _ALWAYS = (
 class TrialBag:
     """Records a trial instant by instant; a message carries the time of its instant."""
 
-    def __init__(self, recorder: Recorder, spec: TrialSpec) -> None:
+    def __init__(self, recorder: Recorder, spec: TrialSpec):
         """Announce a trial's topics to its recorder; no message is written yet.
 
         Args:

@@ -46,7 +46,7 @@ class Recorder:
     Leaving its context without `finish` abandons the bag under its partial name.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path):
         """Begin a bag in a directory that must not exist; delete an old partial one."""
         if path.exists():
             raise BagError(f"{path}: exists already")

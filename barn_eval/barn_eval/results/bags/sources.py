@@ -60,7 +60,7 @@ class TopicChoice:
         paths: Path of the suite's topic by the topic of the bag.
     """
 
-    def __init__(self, bag: BagFile, sources: Sources) -> None:
+    def __init__(self, bag: BagFile, sources: Sources):
         """Choose topics: those named, by the suite's names, or the only one of a type.
 
         Args:
@@ -172,7 +172,7 @@ class PoseReader:
         links: Poses of frames of tf in their parents, by both names, as last read.
     """
 
-    def __init__(self, name: str, names: set[str], frames: list[str]) -> None:
+    def __init__(self, name: str, names: set[str], frames: list[str]):
         """Read poses of one topic, or of `frames` of tf; nothing is read yet."""
         self.name = name
         self.topics = names

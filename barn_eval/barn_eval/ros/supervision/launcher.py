@@ -235,7 +235,7 @@ class _IsolatedProcess:
 
     def __init__(
         self, command: list[str], output: int, prepare: Callable[[], None], results: str
-    ) -> None:
+    ):
         """Start the command in namespaces of its own; OSError if that fails."""
         self.returncode: int | None = None
         _enter_namespaces()
@@ -359,7 +359,7 @@ def _wake_on_signals() -> socket.socket:
 class _Launcher:
     """Starts the command, passes on its output, ends it with its descendants."""
 
-    def __init__(self, supervisor: socket.socket, wake: socket.socket) -> None:
+    def __init__(self, supervisor: socket.socket, wake: socket.socket):
         """Take the socket to the supervisor and the one that signals wake."""
         supervisor.setblocking(False)
         self._supervisor = supervisor

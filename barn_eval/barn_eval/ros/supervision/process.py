@@ -51,7 +51,7 @@ _STOP_LIMIT_S = sum(patience_s for _, patience_s in launcher.PATIENCE_S) + 60.0
 class EventChannel:
     """One end of a socket for events."""
 
-    def __init__(self, connection: socket.socket) -> None:
+    def __init__(self, connection: socket.socket):
         """Take over a connected stream socket as this end."""
         self.socket = connection
         # Whether the other end is gone.
@@ -114,7 +114,7 @@ class SupervisedProcess:
         sockets: Sequence[socket.socket] = (),
         kind: str = launcher.SUITE,
         text: str = "",
-    ) -> None:
+    ):
         """Start the command under a launcher; what it prints is added to the log.
 
         Args:
