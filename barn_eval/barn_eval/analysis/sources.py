@@ -42,7 +42,6 @@ from barn_worlds.robots.robot import Chassis
 from barn_worlds.worlds.course import fit_to_robot
 from barn_worlds.worlds.world import World
 
-
 _SIDE_BY_SIDE = {
     "systems": "; barn reproduce --physical sets measured beside simulated trials"
 }
