@@ -105,7 +105,7 @@ class PlannerView:
     candidates: FloatArray | None = None
     """Trajectories that were compared: (k, n, 2) x and y in m."""
     candidate_costs: FloatArray | None = None
-    """Cost of each candidate: (k,), +inf if rejected."""
+    """Cost of each candidate: (k,), +inf if rejected, NaN if unknown."""
     in_planning_frame: bool = False
 
 

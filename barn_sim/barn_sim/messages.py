@@ -1,13 +1,15 @@
 """The messages of a simulated robot, which are sent or recorded."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any
 
 from barn_sim.body.model import fixed_frames, joint_names, robot_description
 from barn_sim.config import LocalizationConfig, SimulatorConfig
 from barn_sim.sensors.readings import Joints, Sensors
-from barn_worlds.base.types import Odometry, Pose2D, Scan
+from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Odometry, Pose2D, Scan
 from barn_worlds.messages import encode, topics
-from barn_worlds.messages.topics import FRAMES, Frames, OutgoingMessage
+from barn_worlds.messages.cdr import Layout
+from barn_worlds.messages.topics import FRAMES, Frames, OutgoingMessage, Topic
 
 ORIGIN = Pose2D(0.0, 0.0, 0.0)
 
@@ -73,6 +75,41 @@ class SimulatorMessages:
         transforms = encode.encode_fixed_transforms(self._frames.base, positions, yaws)
         yield OutgoingMessage(topics.TF_STATIC, transforms)
 
+    def layouts(self) -> list[tuple[Topic, Layout]]:
+        """Return topics and layouts of an instant's messages but the scan, in order."""
+        return [
+            (topics.CLOCK, encode.CLOCK_LAYOUT),
+            (topics.ODOM, self._odometry.layout),
+            (topics.GROUND_TRUTH, self._truth.layout),
+            (topics.AMCL_POSE, self._localization.layout),
+            (topics.TF, self._transforms.layout),
+            (topics.COLLISION, encode.BOOL_LAYOUT),
+            (topics.JOINT_STATES, self._joints.layout),
+        ]
+
+    def rows(self, sensors: Sensors, stamp_ns: int) -> Iterable[Sequence[Any]]:
+        """Return the values of `layouts`, and keep the poses for the next transforms.
+
+        Args:
+            sensors: Readings of the instant.
+            stamp_ns: Time of the instant on the clock.
+        """
+        pose = sensors.odometry.pose
+        # As amcl does (REP-105): the localization corrects map to odom, which leaves
+        # odom to base smooth.
+        self._odom_in_map = sensors.localization @ pose.inverse()
+        self._base_in_odom = pose
+        joints = sensors.joints
+        return (
+            divmod(stamp_ns, NANOSECONDS_PER_SECOND),
+            self._odometry.row(sensors.odometry, stamp_ns),
+            self._truth.row(sensors.truth, stamp_ns),
+            self._localization.row(sensors.localization, stamp_ns),
+            self._transforms.row((self._odom_in_map, pose), stamp_ns),
+            (sensors.collision,),
+            self._joints.row((joints.positions, joints.velocities), stamp_ns),
+        )
+
     def sensors(self, sensors: Sensors, stamp_ns: int) -> Iterator[OutgoingMessage]:
         """Yield the serialized messages of an instant, clock first and scan last.
 
@@ -82,13 +119,9 @@ class SimulatorMessages:
         """
         # The time first, so that nobody receives readings from their future. The scan
         # last: planners answer it and need everything else before.
-        yield self.clock(stamp_ns)
-        yield self.odometry(sensors.odometry, stamp_ns)
-        yield self.truth(sensors.truth, stamp_ns)
-        yield self.localization(sensors.localization, sensors.odometry.pose, stamp_ns)
-        yield self.transforms(sensors.odometry.pose, stamp_ns)
-        yield self.collision(sensors.collision)
-        yield self.joints(sensors.joints, stamp_ns)
+        rows = self.rows(sensors, stamp_ns)
+        for (topic, layout), row in zip(self.layouts(), rows, strict=True):
+            yield OutgoingMessage(topic, layout.fill(*row))
         if sensors.scan.stamp_ns == sensors.stamp_ns:
             yield self.scan(sensors.scan, stamp_ns)
 
@@ -124,8 +157,6 @@ class SimulatorMessages:
             odometry: Pose in the odom frame at the same time.
             stamp_ns: Time on the clock.
         """
-        # As amcl does (REP-105): the localization corrects map to odom, which leaves
-        # odom to base smooth.
         self._odom_in_map = pose @ odometry.inverse()
         return OutgoingMessage(
             topics.AMCL_POSE, self._localization.encode(pose, stamp_ns)

@@ -3,6 +3,7 @@
 import os
 import platform
 import subprocess
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,7 @@ def versions() -> dict[str, str]:
     return packages
 
 
+@cache
 def _library_version(library: str) -> str:
     """Return the version of an installed package, else "not installed"."""
     try:

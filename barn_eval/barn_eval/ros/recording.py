@@ -158,8 +158,7 @@ class Recording:
             if publisher is not None and publisher.get_subscription_count():
                 publisher.publish(data)
             if recorder is not None and topic.path not in self._bag_exclude:
-                recorder.announce(topic)
-                recorder.write(topic.path, data, stamp_ns)
+                recorder.record([OutgoingMessage(topic, data)], stamp_ns)
 
 
 def _bag_names(node: Node) -> dict[str, str]:

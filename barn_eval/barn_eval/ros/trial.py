@@ -513,7 +513,7 @@ class RosTrial:
     def _show_score(self) -> None:
         """Publish and record the score if it is due: twice a second, and at the end."""
         if self._latest_ns is not None:
-            messages = self._score.take(self.trial.referee.standing, self._latest_ns)
+            messages = self._score.take(self.trial.referee, self._latest_ns)
             self._context.recording.show(
                 list(messages), self._latest_ns, self._recorder
             )

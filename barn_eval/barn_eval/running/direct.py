@@ -261,7 +261,7 @@ class _DirectTrial:
     def _record_standing(self, stamp_ns: int) -> None:
         """Record the referee's standing in the bag, if there is a bag."""
         if self._bag is not None:
-            self._bag.standing(self.trial.referee.standing, stamp_ns)
+            self._bag.standing(self.trial.referee, stamp_ns)
 
     def _conclude(self, simulator: Simulator, stamp_ns: int) -> None:
         """Keep the last positions of pushed obstacles, in the bag too."""

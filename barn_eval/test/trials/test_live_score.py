@@ -43,7 +43,7 @@ def drive(referee, spec, collision=False):
 
 
 def messages_of(live, referee, time_s):
-    taken = live.take(referee.standing, nanoseconds(time_s))
+    taken = live.take(referee, nanoseconds(time_s))
     return {topic.path: deserialize(data, topic.type_name) for topic, data in taken}
 
 

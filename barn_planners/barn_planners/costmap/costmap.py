@@ -61,6 +61,12 @@ class BeamDirections:
         return self._directions
 
 
+# Occupancy by cost. The product does not fit into 8 bits.
+_OCCUPANCY = np.minimum(np.arange(256) * 98 // 252, 98).astype(np.int8)
+_OCCUPANCY[INSCRIBED] = 99
+_OCCUPANCY[LETHAL] = 100
+
+
 class Costmap:
     """A fixed grid of costs; `update` changes them in place."""
 
@@ -239,13 +245,8 @@ class Costmap:
         Free cells are 0, inscribed ones 99 and lethal ones 100. Others are scaled to
         1..98.
         """
-        # In 16 bits, as the product does not fit into 8.
-        data = np.minimum(self.costs.astype(np.int16) * 98 // 252, 98)
-        data[self.costs == INSCRIBED] = 99
-        data[self.costs == LETHAL] = 100
-        return OccupancyMap(
-            data.astype(np.int8), self.resolution, self.origin_x, self.origin_y
-        )
+        data = _OCCUPANCY[self.costs]
+        return OccupancyMap(data, self.resolution, self.origin_x, self.origin_y)
 
 
 class RollingCostmap(Costmap):

@@ -25,6 +25,7 @@ from barn_planners.navigation.loop import (
 )
 from barn_planners.registry import PlannerEntry
 from barn_planners.robots import fit_to_robot
+from barn_planners.runtime.messages import choose_candidates
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.compute import Compute
 from barn_worlds.base.config import read_presets
@@ -87,19 +88,18 @@ class DwaController(Controller):
         )
 
     def view(self) -> PlannerView:
-        """Return the winning rollout and all samples, with cost inf if not allowed.
+        """Return the winning rollout and samples, spread over all, with their costs.
 
-        All samples of the last cycle are scored for that.
+        The cost is inf if a sample is not allowed, NaN if the search ruled it out.
         """
         if self._cycle is None:
             return PlannerView()
 
-        scene, rules = self._cycle
-        start = rules.start
-        # The search fills in the rows that it looks at; a display shows all of them.
-        kernels.score(*scene, rules, self._table)
-        lines = kernels.traces(start, self._table, self._motion, _DISPLAY_POSES)
+        start = self._cycle[1].start
         costs = self._table[:, kernels.COST]
+        costs = np.where(costs < 0.0, math.inf, costs)
+        shown = choose_candidates(len(costs), costs)
+        lines = kernels.traces(start, self._table[shown], self._motion, _DISPLAY_POSES)
         local_plan = None
         if self._command is not None:
             velocity = np.array([[self._command.linear, self._command.angular]])
@@ -110,7 +110,7 @@ class DwaController(Controller):
         return PlannerView(
             local_plan=local_plan,
             candidates=lines[:, :, :2],
-            candidate_costs=np.where(costs < 0.0, math.inf, costs),
+            candidate_costs=costs[shown],
         )
 
     def _drive(self, inputs: ControlInput, end: Pose2D) -> Control:

@@ -17,6 +17,7 @@ from barn_planners.dwa.kernels import (
     END_Y,
     END_YAW,
     GOAL,
+    NO_WAY,
     OBSTACLE,
     PATH,
     SPEED,
@@ -83,6 +84,8 @@ def find_best(
 ) -> int:
     """Return the best sample's row, -1 if none is allowed; fill it in as `score` does.
 
+    Other rows that were scored have their cost too; those ruled out before have NaN.
+
     The first of the cheapest rows that drive forward wins. A turn in place wins over it
     if it costs no more and the goal is nearer ahead of its end than for all turns
     before.
@@ -108,15 +111,13 @@ def find_best(
     if start_cost < 0 or not _is_reached(raster, path, goal, start.x, start.y):
         return -1
 
+    table[:, COST] = math.nan
     longest = 1
     for row in table:
         longest = max(longest, step_count(row[SPEED], row[TURN], rules.motion))
     work = _Work(np.empty((longest, 5)), start_cost)
     best, cost = _best_drive(ground, path, goal, rules, table, choice, work)
-    best, cost = _best_turn(ground, path, goal, rules, table, choice, work, best, cost)
-    if best >= 0:
-        table[best, COST] = cost
-    return best
+    return _best_turn(ground, path, goal, rules, table, choice, work, best, cost)
 
 
 @kernel
@@ -172,8 +173,8 @@ def _best_turn(
     work: _Work,
     best: int,
     cost: float,
-) -> tuple[int, float]:
-    """Return row and cost of the best turn in place, or `best` and `cost` again."""
+) -> int:
+    """Return the row of the best turn in place, or `best` again, which has `cost`."""
     nearest = math.inf
     for k in range(choice.drives, len(table)):
         row = table[k]
@@ -195,7 +196,7 @@ def _best_turn(
             cost = turn_cost
             nearest = distance
 
-    return best, cost
+    return best
 
 
 @kernel
@@ -232,9 +233,10 @@ def _cost(
     limit: float,
     work: _Work,
 ) -> float:
-    """Return a sample's cost and fill in its row, but for the cost, as `score` does.
+    """Return a sample's cost and fill in its row as `score` does.
 
-    It is -1 if the sample is not allowed or costs more than the limit.
+    It is -1 if the sample is not allowed or costs more than the limit. The row then has
+    TOUCHES or NO_WAY, or its cost stays unknown.
     """
     weights = rules.weights
     steps = step_count(row[SPEED], row[TURN], rules.motion)
@@ -244,12 +246,14 @@ def _cost(
     end = poses[steps - 1]
     cell = raster_cell(ground.raster, end[X], end[Y])
     if not is_on_grid(cell, ground.costs.shape):
+        row[COST] = TOUCHES
         return -1.0
 
     place = padded(cell, path.columns)
     to_path = steps_to(path, place)
     to_goal = steps_to(goal, place)
     if to_path >= UNREACHED or to_goal >= UNREACHED:
+        row[COST] = NO_WAY
         return -1.0
 
     # The footprint costs no less than at the start, which all rollouts share.
@@ -261,6 +265,8 @@ def _cost(
         ground, path, goal, poses, weights.obstacle, limit - end_cost, work
     )
     cost = end_cost + weights.obstacle * highest
+    if highest < 0:
+        row[COST] = TOUCHES
     if highest < 0 or cost > limit:
         return -1.0
 
@@ -270,6 +276,7 @@ def _cost(
     row[PATH] = to_path
     row[GOAL] = to_goal
     row[OBSTACLE] = highest
+    row[COST] = cost
     return cost
 
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from functools import cache
+from functools import cache, lru_cache
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -11,7 +11,7 @@ from barn_planners.interface import Decision, FloatArray, Planner, PlannerStatus
 from barn_worlds.base.arrays import Integers
 from barn_worlds.base.types import NANOSECONDS_PER_SECOND, STOP, Velocity2D, nanoseconds
 from barn_worlds.messages import encode, topics
-from barn_worlds.messages.cdr import Message, Template, make_message
+from barn_worlds.messages.cdr import Layout, Message, Slot, Template, make_message
 from barn_worlds.messages.topics import Frames, OutgoingMessage, Topic
 
 # Limits of what is published of a planner's candidates, which can be thousands.
@@ -36,7 +36,6 @@ _BUBBLE_FIELDS = ("pose.position.x", "pose.position.y", "scale.x", "scale.y")
 _BAND_COLOR = (0.9, 0.3, 0.1, 1.0)
 _BAND_WIDTH_M = 0.02
 _CANDIDATE_WIDTH_M = 0.01
-_COLOR_FIELDS = ("color.r", "color.g", "color.b", "color.a")
 # A marker and the names of its fields that vary from message to message.
 _MarkerFields: TypeAlias = tuple[Message, tuple[str, ...]]
 # So long ago that every period is over.
@@ -50,27 +49,39 @@ class CandidateLines(NamedTuple):
     colors: FloatArray  # (k, 4) red, green, blue, opacity from 0 to 1
 
 
+def choose_candidates(count: int, costs: FloatArray | None) -> npt.NDArray[np.int64]:
+    """Return the indices of at most `MAX_CANDIDATES`, evenly spread.
+
+    The cheapest one is always among them.
+
+    Args:
+        count: Number of candidates.
+        costs: Costs (count,), as in `PlannerView`.
+    """
+    indices = _spread_indices(count, MAX_CANDIDATES).copy()
+    if costs is not None and np.isfinite(costs).any():
+        cheapest = int(np.nanargmin(costs))
+        # In place of its neighbor in the selection, so that the number stays.
+        indices[np.argmin(np.abs(indices - cheapest))] = cheapest
+    return indices
+
+
 def select_candidates(
     candidates: FloatArray, costs: FloatArray | None
 ) -> CandidateLines:
     """Return at most `MAX_CANDIDATES` candidates, evenly spread, with colors.
 
-    The cheapest one is always among them. Of each, at most `MAX_POINTS` points remain,
-    including both ends.
+    Of each, at most `MAX_POINTS` points remain, including both ends.
 
     Args:
         candidates: Trajectories (k, n, 2) in m.
-        costs: Costs (k,), +inf or NaN if rejected. None gives all the costliest color.
+        costs: Costs (k,), +inf if rejected. Unknown ones, which are NaN, or None for
+            all, get the costliest color.
     """
-    indices = _spread_indices(len(candidates), MAX_CANDIDATES)
+    indices = choose_candidates(len(candidates), costs)
     colors = np.tile(COSTLIEST_COLOR, (len(indices), 1))
     if costs is not None:
-        finite_costs = np.where(np.isnan(costs), np.inf, costs)
-        if np.isfinite(finite_costs).any():
-            cheapest = int(np.argmin(finite_costs))
-            # In place of its neighbor in the selection, so that the number stays.
-            indices[np.argmin(np.abs(indices - cheapest))] = cheapest
-        colors = _colors(finite_costs[indices])
+        colors = _colors(costs[indices])
 
     point_indices = _spread_indices(candidates.shape[1], MAX_POINTS)
     points = np.asarray(candidates[indices][:, point_indices], np.float64)
@@ -78,22 +89,21 @@ def select_candidates(
 
 
 def _colors(costs: FloatArray) -> FloatArray:
-    """Return colors (k, 4) by cost: cheapest to costliest, gray if not finite."""
-    is_valid = np.isfinite(costs)
-    shares = np.zeros(len(costs))
-    if is_valid.any():
-        low = float(costs[is_valid].min())
-        high = float(costs[is_valid].max())
-        if high > low:
-            # Rejected ones count as the costliest here; their color comes below.
-            shares = (np.where(is_valid, costs, high) - low) / (high - low)
+    """Return colors (k, 4) by cost: cheapest to costliest, gray if it is inf."""
+    is_known = np.isfinite(costs)
+    shares = np.ones(len(costs))
+    if is_known.any():
+        low = float(costs[is_known].min())
+        spread = float(costs[is_known].max()) - low
+        shares[is_known] = (costs[is_known] - low) / (spread or 1.0)
 
     cheapest = np.array(CHEAPEST_COLOR)
     costliest = np.array(COSTLIEST_COLOR)
     colors = cheapest + shares[:, None] * (costliest - cheapest)
-    return np.where(is_valid[:, None], colors, np.array(REJECTED_COLOR))
+    return np.where(np.isinf(costs)[:, None], np.array(REJECTED_COLOR), colors)
 
 
+@lru_cache(maxsize=64)
 def _spread_indices(count: int, limit: int) -> Integers:
     """Return at most `limit` indices below `count`, evenly spread, with both ends."""
     places = np.linspace(0, count - 1, min(count, limit))
@@ -278,25 +288,34 @@ def encode_candidates(lines: CandidateLines, stamp_ns: int, frame: str) -> bytes
         frame: Frame of the points.
     """
     stamp = divmod(stamp_ns, NANOSECONDS_PER_SECOND)
-    values: list[float] = [*stamp]
-    for points, color in zip(lines.points, lines.colors, strict=True):
-        values += [*stamp, *color.tolist(), *points.ravel().tolist()]
     count, length, _ = lines.points.shape
-    return _candidates_template(count, length, frame).fill(*values)
+    points = np.zeros((count, length, 3))
+    points[:, :, :2] = lines.points
+    colors = lines.colors.astype(np.float32)
+    values: list[object] = [*stamp]
+    for line, color in zip(points, colors, strict=True):
+        values += [*stamp, color.tobytes(), line.tobytes()]
+    return _candidates_layout(count, length, frame).fill(*values)
 
 
 @cache
-def _candidates_template(count: int, length: int, frame: str) -> Template:
-    """Return the cached template of `count` lines of `length` points each.
+def _candidates_layout(count: int, length: int, frame: str) -> Layout:
+    """Return the cached layout of `count` lines of `length` points each.
 
-    A planner has one or two numbers of them.
+    A planner has one or two numbers of them. Of each line, color and points are bytes.
     """
     markers = []
     for index in range(count):
         line = encode.make_marker(frame, "candidates", encode.LINE_STRIP, index=index)
-        point_fields = _add_points(line, _CANDIDATE_WIDTH_M, length)
-        markers.append((line, _COLOR_FIELDS + point_fields))
-    return _marker_template(topics.CANDIDATES, frame, "candidates", markers)
+        _add_points(line, _CANDIDATE_WIDTH_M, length)
+        markers.append((line, ("color.r", "points.0.x")))
+    template = _marker_template(topics.CANDIDATES, frame, "candidates", markers)
+    slots = []
+    for slot in template.slots:
+        # Four numbers of single precision, or coordinates in double precision.
+        size = {"f": 16, "d": 24 * length}.get(slot.format)
+        slots.append(slot if size is None else Slot(slot.offset, f"{size}s"))
+    return Layout(template.data, slots)
 
 
 def _add_points(line: Message, width_m: float, count: int) -> tuple[str, ...]:

@@ -52,7 +52,7 @@ def test_the_cheapest_is_shown_in_its_color(cheapest):
     [
         (
             [np.inf, 2.0, 4.0, 3.0, np.nan],
-            [REJECTED_COLOR, CHEAPEST_COLOR, COSTLIEST_COLOR, MIDDLE, REJECTED_COLOR],
+            [REJECTED_COLOR, CHEAPEST_COLOR, COSTLIEST_COLOR, MIDDLE, COSTLIEST_COLOR],
         ),
         (None, [COSTLIEST_COLOR] * 5),
         ([np.inf] * 5, [REJECTED_COLOR] * 5),

@@ -190,11 +190,11 @@ def test_displayed_samples_have_the_costs_of_the_choice():
     decision = controller.control(situation)
     situation.costmap.costs[:] = LETHAL
     view = controller.view()
-    assert view.candidates.shape == (6 * 21 + 20, 80, 2)
+    assert view.candidates.shape == (20, 80, 2)
     assert view.local_plan.shape == (80, 3)
     assert np.isfinite(view.local_plan).all()
     costs = view.candidate_costs
-    assert len(costs) == 6 * 21 + 20
-    assert 20 < np.isfinite(costs).sum() < len(costs)
-    assert costs[: 6 * 21].min() == decision.diagnostics["cost"]
+    assert np.nanmin(costs) == decision.diagnostics["cost"]
+    # The search rules out most samples before it scores them.
+    assert 0 < np.isnan(costs).sum() < len(costs)
     assert_array_equal(controller.view().candidate_costs, costs)

@@ -8,6 +8,7 @@ numbers are written into its bytes afterwards.
 import struct
 from collections.abc import Iterator, Sequence
 from functools import cache
+from operator import itemgetter
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -48,9 +49,10 @@ def make_message(type_name: str, **fields: object) -> Message:
         type_name: Type, such as "geometry_msgs/msg/Twist".
         fields: Values by field name. All other fields are zero or empty.
     """
-    types = jazzy_types()
-    values = {name: _default(kind) for name, kind in types.fielddefs[type_name][1]}
-    return types.types[type_name](**(values | fields))
+    for name, kind in jazzy_types().fielddefs[type_name][1]:
+        if name not in fields:
+            fields[name] = _default(kind)
+    return jazzy_types().types[type_name](**fields)
 
 
 def serialize(message: Message) -> bytes:
@@ -77,6 +79,10 @@ class Slot(NamedTuple):
     format: str
     """Format of `struct`, without alignment."""
 
+    def shifted(self, by: int) -> "Slot":
+        """Return where it lies with so many bytes more in front."""
+        return Slot(self.offset + by, self.format)
+
 
 def find_slots(message: Message) -> dict[str, Slot]:
     """Return byte offset and `struct` format of every numeric field, by dotted name.
@@ -97,10 +103,48 @@ def find_slots(message: Message) -> dict[str, Slot]:
     return slots
 
 
-class Template:
-    """The bytes of a message in which some fields vary."""
+class Layout:
+    """Bytes in which some fields vary."""
 
-    type_name: str
+    def __init__(self, data: bytes, slots: Sequence[Slot]) -> None:
+        """Keep the bytes around fields, so that one call of `struct` writes them all.
+
+        Args:
+            data: The bytes, with any values in the fields.
+            slots: Where the fields lie, in the order of the values of `fill`.
+        """
+        self.data = data
+        self.slots = tuple(slots)
+        code = "<"
+        constants: list[bytes] = []
+        # Of each part its place among values and constants; zeros are padding.
+        places: list[int] = []
+        position = 0
+        end = Slot(len(data), "")
+        in_order = sorted(enumerate(self.slots), key=lambda item: item[1].offset)
+        for index, slot in [*in_order, (0, end)]:
+            between = data[position : slot.offset]
+            if any(between):
+                code += f"{len(between)}s"
+                places.append(len(self.slots) + len(constants))
+                constants.append(between)
+            else:
+                code += f"{len(between)}x"
+            if slot.format:
+                places.append(index)
+            code += slot.format
+            position = slot.offset + struct.calcsize("<" + slot.format)
+        self._constants = tuple(constants)
+        self._arrange = itemgetter(*places)
+        self._pack = struct.Struct(code).pack
+
+    def fill(self, *values: object) -> bytes:
+        """Return the bytes with values for the fields, in order; arrays as bytes."""
+        return self._pack(*self._arrange(values + self._constants))
+
+
+class Template(Layout):
+    """The bytes of a message in which some fields vary."""
 
     def __init__(self, message: Message, fields: Sequence[str]):
         """Serialize a message once; only the fields named here vary afterwards.
@@ -110,19 +154,8 @@ class Template:
             fields: Dotted names of the other fields, in the order of `fill`.
         """
         self.type_name = message.__msgtype__
-        self._data = bytearray(serialize(message))
         slots = find_slots(message)
-        self._parts = []
-        for name in fields:
-            offset, code = slots[name]
-            self._parts.append((struct.Struct("<" + code).pack_into, offset))
-
-    def fill(self, *values: object) -> bytes:
-        """Return new bytes with values for the fields, in order; arrays as bytes."""
-        data = self._data
-        for (pack_into, offset), value in zip(self._parts, values, strict=True):
-            pack_into(data, offset, value)
-        return bytes(data)
+        super().__init__(serialize(message), [slots[name] for name in fields])
 
 
 class _Run(NamedTuple):

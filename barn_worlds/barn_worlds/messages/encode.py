@@ -5,6 +5,7 @@ An encoder keeps the bytes of its last message and writes only what changes.
 
 import struct
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import lru_cache
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -20,7 +21,9 @@ from barn_worlds.base.types import (
     quaternion_from_yaw,
 )
 from barn_worlds.messages.cdr import (
+    Layout,
     Message,
+    Slot,
     Template,
     find_slots,
     make_message,
@@ -41,6 +44,8 @@ DELETE_ALL = 3
 # Encapsulation of every message. Those without texts and lengths are packed at once.
 _LITTLE_ENDIAN = b"\x00\x01\x00\x00"
 _POSE_BYTES = 56  # x, y, z of the position, x, y, z, w of the orientation
+CLOCK_LAYOUT = Layout(_LITTLE_ENDIAN + bytes(8), [Slot(4, "i"), Slot(8, "I")])
+BOOL_LAYOUT = Layout(_LITTLE_ENDIAN + bytes(1), [Slot(4, "?")])
 T = TypeVar("T")
 
 
@@ -66,7 +71,7 @@ class Encoder(Generic[T]):
         """
         message = make_message(type_name, header=make_header(frame), **constants)
         self.type_name = type_name
-        self._fill = Template(message, [*STAMP_FIELDS, *fields]).fill
+        self.layout = Template(message, [*STAMP_FIELDS, *fields])
         self._values = values
 
     def encode(self, content: T, stamp_ns: int) -> bytes:
@@ -76,8 +81,12 @@ class Encoder(Generic[T]):
             content: What the message is about. A stamp in it is not used.
             stamp_ns: Stamp of the header.
         """
+        return self.layout.fill(*self.row(content, stamp_ns))
+
+    def row(self, content: T, stamp_ns: int) -> tuple[Any, ...]:
+        """Return the values of `layout`; as `encode`."""
         stamp = divmod(stamp_ns, NANOSECONDS_PER_SECOND)
-        return self._fill(*stamp, *self._values(content))
+        return (*stamp, *self._values(content))
 
 
 class OdometryEncoder(Encoder[Odometry]):
@@ -173,11 +182,12 @@ class JointEncoder(Encoder[tuple[Sequence[float], Sequence[float]]]):
         """Set the constant names of the joints; the header has no frame."""
         # Efforts stay empty: nobody measures them.
         zeros = np.zeros(len(names))
+        pack = struct.Struct(f"<{len(names)}d").pack
         super().__init__(
             "sensor_msgs/msg/JointState",
             "",
             ["position", "velocity"],
-            lambda columns: [np.asarray(x, np.float64).tobytes() for x in columns],
+            lambda columns: [pack(*column) for column in columns],
             name=list(names),
             position=zeros,
             velocity=zeros,
@@ -207,7 +217,7 @@ class TransformEncoder:
         for index in range(len(frames)):
             fields += [f"transforms.{index}.{name}" for name in varying]
         message = make_message(self.type_name, transforms=transforms)
-        self._template = Template(message, fields)
+        self.layout = Template(message, fields)
 
     def encode(self, poses: Sequence[Pose2D], stamp_ns: int) -> bytes:
         """Return the serialized message with one planar pose per pair of frames.
@@ -216,12 +226,16 @@ class TransformEncoder:
             poses: Pose of each child frame in its frame, in the order of the pairs.
             stamp_ns: Stamp of all transforms.
         """
+        return self.layout.fill(*self.row(poses, stamp_ns))
+
+    def row(self, poses: Sequence[Pose2D], stamp_ns: int) -> list[float]:
+        """Return the values of `layout`; as `encode`."""
         stamp = divmod(stamp_ns, NANOSECONDS_PER_SECOND)
         values: list[float] = []
         for pose in poses:
             values += stamp
             values += _pose_values(pose)
-        return self._template.fill(*values)
+        return values
 
 
 class PathEncoder:
@@ -293,19 +307,29 @@ def encode_map(grid: OccupancyMap, stamp_ns: int, frame: str) -> bytes:
         stamp_ns: Stamp of the header and of the map.
         frame: Frame of the origin of the grid.
     """
+    cells = np.ascontiguousarray(grid.data, np.int8)
+    stamp = divmod(stamp_ns, NANOSECONDS_PER_SECOND)
+    layout = _grid_layout(*cells.shape, grid.resolution, frame)
+    return layout.fill(*stamp, *stamp, grid.origin_x, grid.origin_y, cells.tobytes())
+
+
+# A planner's costmap keeps its size.
+@lru_cache(maxsize=4)
+def _grid_layout(rows: int, columns: int, resolution: float, frame: str) -> Template:
+    """Return the layout of grids of one size."""
     message = make_message(
         "nav_msgs/msg/OccupancyGrid",
-        header=make_header(frame, stamp_ns),
-        data=np.ascontiguousarray(grid.data, np.int8).ravel(),
+        header=make_header(frame),
+        data=np.zeros(rows * columns, np.int8),
     )
     info = message.info
-    info.map_load_time = message.header.stamp
-    info.resolution = grid.resolution
-    info.height, info.width = grid.data.shape
-    info.origin.position.x = grid.origin_x
-    info.origin.position.y = grid.origin_y
+    info.resolution = resolution
+    info.height = rows
+    info.width = columns
     info.origin.orientation.w = 1.0
-    return serialize(message)
+    times = [f"info.map_load_time.{part}" for part in ("sec", "nanosec")]
+    origin = [f"info.origin.position.{axis}" for axis in "xy"]
+    return Template(message, [*STAMP_FIELDS, *times, *origin, "data"])
 
 
 def encode_fixed_transforms(
@@ -370,8 +394,7 @@ def encode_diagnostics(
 
 def encode_clock(stamp_ns: int) -> bytes:
     """Return serialized rosgraph_msgs/Clock of a time in ns."""
-    stamp = struct.pack("<iI", *divmod(stamp_ns, NANOSECONDS_PER_SECOND))
-    return _LITTLE_ENDIAN + stamp
+    return CLOCK_LAYOUT.fill(*divmod(stamp_ns, NANOSECONDS_PER_SECOND))
 
 
 def encode_twist(velocity: Velocity2D) -> bytes:
@@ -382,17 +405,18 @@ def encode_twist(velocity: Velocity2D) -> bytes:
 
 def encode_bool(value: bool) -> bytes:
     """Return serialized std_msgs/Bool."""
-    return _LITTLE_ENDIAN + struct.pack("<?", value)
+    return BOOL_LAYOUT.fill(value)
 
 
 def encode_text(text: str) -> bytes:
     """Return serialized std_msgs/String."""
-    return serialize(make_message("std_msgs/msg/String", data=text))
+    data = text.encode()
+    return _LITTLE_ENDIAN + struct.pack("<I", len(data) + 1) + data + b"\0"
 
 
 def encode_number(value: float) -> bytes:
     """Return serialized std_msgs/Float64."""
-    return serialize(make_message("std_msgs/msg/Float64", data=value))
+    return _LITTLE_ENDIAN + struct.pack("<d", value)
 
 
 def make_header(frame: str, stamp_ns: int = 0) -> Message:
@@ -403,10 +427,14 @@ def make_header(frame: str, stamp_ns: int = 0) -> Message:
         stamp_ns: Time that it refers to.
     """
     message = make_message("std_msgs/msg/Header", frame_id=frame)
-    sec, nanosec = divmod(stamp_ns, NANOSECONDS_PER_SECOND)
-    message.stamp.sec = sec
-    message.stamp.nanosec = nanosec
+    set_stamp(message, stamp_ns)
     return message
+
+
+def set_stamp(header: Message, stamp_ns: int) -> None:
+    """Set the stamp of a std_msgs/Header object, in place, to a time in ns."""
+    stamp = header.stamp
+    stamp.sec, stamp.nanosec = divmod(stamp_ns, NANOSECONDS_PER_SECOND)
 
 
 def make_marker(

@@ -1,13 +1,13 @@
 """The messages of a trial's bag: its nodes' and, beyond them, true scene and score."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 
 from barn_eval.results.bags.recorder import Recorder
 from barn_eval.trials.outcome import Outcome, Verdict, challenge_metric
 from barn_eval.trials.protocol import Course
-from barn_eval.trials.referee import Standing
+from barn_eval.trials.referee import Referee, Standing
 from barn_eval.trials.spec import TrialSpec
 from barn_planners.interface import Decision, Planner
 from barn_planners.runtime.messages import PlannerMessages
@@ -64,8 +64,9 @@ def moving_obstacle_scene(
         stamp_ns: Time of the messages.
     """
     world = spec.world
-    is_due = since_start_ns % nanoseconds(topics.MOVING.period_s) == 0
-    if not is_due or not (world.moving or world.walls):
+    if not (world.moving or world.walls):
+        return []
+    if since_start_ns % nanoseconds(topics.MOVING.period_s):
         return []
     time_s = spec.phase_s + seconds(since_start_ns)
     shapes = encode_moving(world, time_s, stamp_ns)
@@ -94,38 +95,36 @@ class ScoreReporter:
         self._title = f"{spec.planner}, {spec.world.name}"
         self._due_ns = 0
         self._concluded = False
+        frame = FRAMES.of(topics.SCORE_TEXT)
+        self._text = make_marker(frame, "score", TEXT_VIEW_FACING, color=_BLACK)
+        self._text.pose.position.x = spec.course.start.x
+        self._text.pose.position.y = spec.course.start.y - _BELOW_START_M
+        self._text.scale.z = _LETTER_M
 
-    def take(self, standing: Standing, stamp_ns: int) -> Iterator[OutgoingMessage]:
+    def take(self, referee: Referee, stamp_ns: int) -> Iterator[OutgoingMessage]:
         """Yield score, outcome and text if due: each 0.5 s, and once at the verdict.
 
         After that nothing.
 
         Args:
-            standing: How the trial stands.
+            referee: Judges the trial.
             stamp_ns: Time of the instant.
         """
-        outcome = standing.outcome
+        is_over = referee.verdict is not None
         is_due = stamp_ns >= self._due_ns
-        if self._concluded or not (is_due or outcome):
+        if self._concluded or not (is_due or is_over):
             return
         self._due_ns = stamp_ns + _PERIOD_NS
-        self._concluded = outcome is not None
+        self._concluded = is_over
 
+        standing = referee.standing
         score = running_score(standing, self._course)
-        word = outcome.value if outcome else RUNNING
+        word = standing.outcome.value if standing.outcome else RUNNING
         yield OutgoingMessage(topics.SCORE, encode.encode_number(score))
         yield OutgoingMessage(topics.OUTCOME, encode.encode_text(word))
 
-        text = make_marker(
-            FRAMES.of(topics.SCORE_TEXT),
-            "score",
-            TEXT_VIEW_FACING,
-            color=_BLACK,
-            stamp_ns=stamp_ns,
-        )
-        text.pose.position.x = self._course.start.x
-        text.pose.position.y = self._course.start.y - _BELOW_START_M
-        text.scale.z = _LETTER_M
+        text = self._text
+        encode.set_stamp(text.header, stamp_ns)
         text.text = self._describe(standing, score)
         message = make_message(topics.SCORE_TEXT.type_name, markers=[text])
         yield OutgoingMessage(topics.SCORE_TEXT, serialize(message))
@@ -166,13 +165,6 @@ def running_score(standing: Standing, course: Course) -> float:
 # Announced at the start, so that every bag lists them; what a planner shows is
 # announced when it does.
 _ALWAYS = (
-    topics.CLOCK,
-    topics.ODOM,
-    topics.GROUND_TRUTH,
-    topics.AMCL_POSE,
-    topics.TF,
-    topics.COLLISION,
-    topics.JOINT_STATES,
     topics.GOAL_POSE,
     topics.CMD_VEL,
     topics.SCAN,
@@ -207,6 +199,7 @@ class TrialBag:
         recorder.announce(topics.ROBOT_DESCRIPTION)
         if spec.map is not None:
             recorder.announce(topics.MAP)
+        self._instant = recorder.prepare_block(self._simulator.layouts())
         for topic in _ALWAYS:
             recorder.announce(topic)
 
@@ -214,11 +207,11 @@ class TrialBag:
         """Record URDF, static transforms, map and scene; to be called first, once."""
         spec = self._spec
         stamp_ns = first.stamp_ns
-        self._record(self._simulator.constant(), stamp_ns)
+        self._recorder.record(self._simulator.constant(), stamp_ns)
         if spec.map is not None:
             data = encode_map(spec.map, stamp_ns, self._frames.of(topics.MAP))
-            self._record([OutgoingMessage(topics.MAP, data)], stamp_ns)
-        self._record([initial_scene(spec, stamp_ns)], stamp_ns)
+            self._recorder.record([OutgoingMessage(topics.MAP, data)], stamp_ns)
+        self._recorder.record([initial_scene(spec, stamp_ns)], stamp_ns)
 
     def reading(self, sensors: Sensors, *, asked: bool = True) -> None:
         """Record sensors and, when due, moving obstacles and the goal, of an instant.
@@ -228,15 +221,20 @@ class TrialBag:
             asked: Whether the planner gets them; if not, the scan is left out.
         """
         stamp_ns = sensors.stamp_ns
-        for message in self._simulator.sensors(sensors, stamp_ns):
-            # In a bag, each scan is one that the planner answers. Checks rely on that.
-            if asked or message.topic is not topics.SCAN:
-                self._record([message], stamp_ns)
-        self._record(moving_obstacle_scene(self._spec, stamp_ns, stamp_ns), stamp_ns)
+        rows = self._simulator.rows(sensors, stamp_ns)
+        self._recorder.write_block(self._instant, rows, stamp_ns)
+        # In a bag, each scan is one that the planner answers. Checks rely on that.
+        if asked and sensors.scan.stamp_ns == stamp_ns:
+            self._recorder.record(
+                [self._simulator.scan(sensors.scan, stamp_ns)], stamp_ns
+            )
+        self._recorder.record(
+            moving_obstacle_scene(self._spec, stamp_ns, stamp_ns), stamp_ns
+        )
 
         if self._next_goal_ns is not None and stamp_ns >= self._next_goal_ns:
             data = self._goal.encode(self._spec.goal, stamp_ns)
-            self._record([OutgoingMessage(topics.GOAL_POSE, data)], stamp_ns)
+            self._recorder.record([OutgoingMessage(topics.GOAL_POSE, data)], stamp_ns)
             self._next_goal_ns = None
             if self._goal_period_ns:
                 self._next_goal_ns = stamp_ns + self._goal_period_ns
@@ -257,17 +255,19 @@ class TrialBag:
             stamp_ns: Time of the instant.
         """
         if command is not None:
-            self._record([self._planner.command(command, stamp_ns)], stamp_ns)
-        self._record(self._planner.display(planner, decision, stamp_ns), stamp_ns)
+            self._recorder.record([self._planner.command(command, stamp_ns)], stamp_ns)
+        self._recorder.record(
+            self._planner.display(planner, decision, stamp_ns), stamp_ns
+        )
 
-    def standing(self, standing: Standing, stamp_ns: int) -> None:
+    def standing(self, referee: Referee, stamp_ns: int) -> None:
         """Record score, outcome and their text if due: each 0.5 s and at the end.
 
         Args:
-            standing: How it stands at the end of an instant.
+            referee: Judges the trial, and has judged the instant.
             stamp_ns: Time of the instant.
         """
-        self._record(self._score.take(standing, stamp_ns), stamp_ns)
+        self._recorder.record(self._score.take(referee, stamp_ns), stamp_ns)
 
     def conclude(self, cylinders_m: Floats, stamp_ns: int) -> None:
         """Record the scene again if a cylinder was pushed; the bag stays open.
@@ -280,10 +280,4 @@ class TrialBag:
         if (np.hypot(dx, dy) > PUSHED_M).any():
             scene = trial_scene(self._spec).with_cylinders_at(cylinders_m)
             data = encode_scene(scene, stamp_ns)
-            self._record([OutgoingMessage(topics.WORLD, data)], stamp_ns)
-
-    def _record(self, messages: Iterable[OutgoingMessage], stamp_ns: int) -> None:
-        """Write messages to the bag with one stamp, announcing their topics first."""
-        for topic, data in messages:
-            self._recorder.announce(topic)
-            self._recorder.write(topic.path, data, stamp_ns)
+            self._recorder.record([OutgoingMessage(topics.WORLD, data)], stamp_ns)

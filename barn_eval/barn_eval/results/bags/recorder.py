@@ -7,20 +7,32 @@ trial is readable in the partial file.
 
 import json
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
+from textwrap import indent
 from typing import Any, BinaryIO
 
 import yaml
-from mcap.writer import CompressionType, Writer
 
 from barn_eval import __version__
+from barn_eval.results.bags.mcap_writer import (
+    McapWriter,
+    MessageBlock,
+    WrittenChannel,
+)
 from barn_worlds.base.errors import BagError, convert_os_errors, suggest
 from barn_worlds.base.types import NANOSECONDS_PER_SECOND
-from barn_worlds.messages.cdr import jazzy_types
-from barn_worlds.messages.topics import LATCHED, RELIABLE, Qos, Topic
+from barn_worlds.messages.cdr import Layout, jazzy_types
+from barn_worlds.messages.topics import (
+    LATCHED,
+    RELIABLE,
+    OutgoingMessage,
+    Qos,
+    Topic,
+)
 
 METADATA_VERSION = 9  # of metadata.yaml, as rosbag2 of Jazzy writes it
 PARTIAL = ".partial"
@@ -36,8 +48,7 @@ class _RecordedTopic:
     type_name: str
     qos: Qos
     type_hash: str
-    channel: int  # its number in the file
-    count: int = 0  # messages so far
+    channel: WrittenChannel
 
 
 class Recorder:
@@ -58,17 +69,14 @@ class Recorder:
         self._custom_data: dict[str, str] = {}
         self._first_ns: int | None = None
         self._last_ns = 0
-        self._flushed_ns = 0
+        self._due_ns = 0
         self._file_name = f"{path.name}_0.mcap"
         with self._convert_errors():
             if self.partial_path.exists():
                 shutil.rmtree(self.partial_path)
             self.partial_path.mkdir(parents=True)
             self._stream: BinaryIO = (self.partial_path / self._file_name).open("wb")
-            self._writer: Any = Writer(
-                self._stream, chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD
-            )
-            self._writer.start(profile="ros2", library=f"barn_eval {__version__}")
+            self._writer = McapWriter(self._stream, f"barn_eval {__version__}")
 
     def __enter__(self) -> "Recorder":
         """Return the recorder."""
@@ -105,20 +113,17 @@ class Recorder:
             raise BagError(f"{self.path}: unknown type {type_name!r} of {name}{hint}")
 
         if type_name not in self._schemas:
-            definition, _ = self._types.generate_msgdef(type_name, ros_version=2)
-            self._schemas[type_name] = self._writer.register_schema(
-                type_name, "ros2msg", definition.encode()
+            self._schemas[type_name] = self._writer.add_schema(
+                type_name, _definition(type_name)
             )
-        type_hash = self._types.hash_rihs01(type_name)
+        type_hash = _type_hash(type_name)
         metadata = {
-            "offered_qos_profiles": _to_yaml([_profile(qos)]),
+            "offered_qos_profiles": _profile_text(qos),
             "topic_type_hash": type_hash,
         }
         if known_as:
             metadata["known_as"] = known_as
-        channel = self._writer.register_channel(
-            name, "cdr", self._schemas[type_name], metadata
-        )
+        channel = self._writer.add_channel(name, self._schemas[type_name], metadata)
         self._topics[name] = _RecordedTopic(name, type_name, qos, type_hash, channel)
 
     def announce(self, topic: Topic) -> None:
@@ -134,24 +139,58 @@ class Recorder:
             data: The message as CDR with its header.
             stamp_ns: Log and publish time.
         """
-        recorded_topic = self._topics[topic]
-        recorded_topic.count += 1
+        self._writer.add_message(self._topics[topic].channel, data, stamp_ns)
+        self._end_write(stamp_ns)
+
+    def record(self, messages: Iterable[OutgoingMessage], stamp_ns: int) -> None:
+        """Write messages of the suite with one stamp, announcing their topics first.
+
+        Args:
+            messages: Topics with their serialized messages.
+            stamp_ns: Log and publish time.
+        """
+        for topic, data in messages:
+            path = topic.path
+            if path not in self._topics:
+                self.announce(topic)
+            self.write(path, data, stamp_ns)
+
+    def prepare_block(self, messages: Iterable[tuple[Topic, Layout]]) -> MessageBlock:
+        """Announce topics whose messages are always written together.
+
+        Args:
+            messages: Topics and layouts of their messages, in order.
+        """
+        channels = []
+        for topic, layout in messages:
+            self.announce(topic)
+            channels.append((self._topics[topic.path].channel, layout))
+        return self._writer.prepare_block(channels)
+
+    def write_block(
+        self, block: MessageBlock, rows: Iterable[Sequence[Any]], stamp_ns: int
+    ) -> None:
+        """Write messages that have been prepared.
+
+        Args:
+            block: The messages.
+            rows: Values of their layouts, in order.
+            stamp_ns: Log and publish time.
+        """
+        self._writer.add_block(block, rows, stamp_ns)
+        self._end_write(stamp_ns)
+
+    def _end_write(self, stamp_ns: int) -> None:
+        """Keep the bag's times; end the chunk if it is large or begun a second ago."""
         if self._first_ns is None:
             self._first_ns = stamp_ns
-            self._flushed_ns = stamp_ns
+            self._due_ns = stamp_ns + NANOSECONDS_PER_SECOND
         self._last_ns = max(self._last_ns, stamp_ns)
-        try:
-            self._writer.add_message(
-                recorded_topic.channel, stamp_ns, data, stamp_ns, recorded_topic.count
-            )
-            # A flush ends a chunk. What comes after the last one is lost in a kill.
-            if stamp_ns - self._flushed_ns >= NANOSECONDS_PER_SECOND:
-                self._flushed_ns = stamp_ns
-                self._writer.flush()
-        except OSError:
-            # A context around all messages would cost some percent of their time.
+        # What comes after the last chunk is lost in a kill.
+        if stamp_ns >= self._due_ns or self._writer.chunk_bytes > _CHUNK_BYTES:
+            self._due_ns = stamp_ns + NANOSECONDS_PER_SECOND
             with self._convert_errors():
-                raise
+                self._writer.end_chunk()
 
     def add_metadata(self, name: str, content: Mapping[str, Any]) -> None:
         """Add a named mapping to the file and to metadata.yaml.
@@ -168,21 +207,16 @@ class Recorder:
                 texts[key] = json.dumps(value)
             self._custom_data[f"{name}.{key}"] = texts[key]
         with self._convert_errors():
-            self._writer.flush()
             self._writer.add_metadata(name, texts)
-            self._stream.flush()
 
     def finish(self) -> Path:
         """Complete the bag, give it its name and return that."""
-        description = self._description()
+        text = _to_yaml(self._description())
         with self._convert_errors():
-            self._writer.flush()
-            self._writer.add_metadata(
-                "rosbag2", {"serialized_metadata": _to_yaml(description)}
-            )
+            self._writer.add_metadata("rosbag2", {"serialized_metadata": text})
             self._writer.finish()
             self._stream.close()
-            text = _to_yaml({"rosbag2_bagfile_information": description})
+            text = f"rosbag2_bagfile_information:\n{indent(text, '  ')}"
             (self.partial_path / "metadata.yaml").write_text(text, "utf-8")
             # The name comes last, so a bag that has it is whole.
             self.partial_path.rename(self.path)
@@ -192,7 +226,7 @@ class Recorder:
         """Leave what was written under the partial name, unless the bag is finished."""
         if not self._stream.closed:
             with self._convert_errors():
-                self._writer.flush()
+                self._writer.end_chunk()
                 self._stream.close()
 
     def _convert_errors(self) -> AbstractContextManager[None]:
@@ -203,7 +237,7 @@ class Recorder:
         first_ns = self._first_ns or 0
         start = {"nanoseconds_since_epoch": first_ns}
         duration = {"nanoseconds": self._last_ns - first_ns}
-        count = sum(topic.count for topic in self._topics.values())
+        count = sum(topic.channel.count for topic in self._topics.values())
         file = {
             "path": self._file_name,
             "starting_time": start,
@@ -251,7 +285,23 @@ def _topic_entry(topic: _RecordedTopic) -> dict[str, Any]:
         "offered_qos_profiles": [_profile(topic.qos)],
         "type_description_hash": topic.type_hash,
     }
-    return {"topic_metadata": metadata, "message_count": topic.count}
+    return {"topic_metadata": metadata, "message_count": topic.channel.count}
+
+
+@cache
+def _profile_text(qos: Qos) -> str:
+    return _to_yaml([_profile(qos)])
+
+
+@cache
+def _definition(type_name: str) -> str:
+    """Return the definition of a message type as in .msg files."""
+    return str(jazzy_types().generate_msgdef(type_name, ros_version=2)[0])
+
+
+@cache
+def _type_hash(type_name: str) -> str:
+    return str(jazzy_types().hash_rihs01(type_name))
 
 
 def _to_yaml(content: object) -> str:

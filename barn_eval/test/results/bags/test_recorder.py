@@ -14,10 +14,11 @@ import pytest
 import yaml
 import zstandard
 from child_work import record_and_die
-from mcap.data_stream import RecordBuilder
+from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.exceptions import EndOfFile
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
-from mcap.records import Chunk, Message
+from mcap.records import Chunk, Message, MessageIndex
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 from refusals import refused
@@ -28,8 +29,14 @@ from barn_eval.results.bags.recorder import PARTIAL, Recorder
 from barn_worlds.base.errors import BagError
 from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Velocity2D
 from barn_worlds.messages.cdr import deserialize
-from barn_worlds.messages.encode import encode_clock, encode_twist
-from barn_worlds.messages.topics import CLOCK, CMD_VEL, LATCHED
+from barn_worlds.messages.encode import (
+    BOOL_LAYOUT,
+    CLOCK_LAYOUT,
+    encode_bool,
+    encode_clock,
+    encode_twist,
+)
+from barn_worlds.messages.topics import CLOCK, CMD_VEL, COLLISION, LATCHED
 
 PERIOD_NS = 50_000_000
 
@@ -105,6 +112,55 @@ def test_mcap_reads_it_with_schemas_metadata_and_index(tmp_path):
             for _, _, message in reader.iter_messages(topics=["/clock"])
         ]
         assert stamps == [cycle * PERIOD_NS for cycle in range(50)]
+
+
+def test_a_block_is_its_messages_one_by_one(tmp_path):
+    stamps = [0, 400_000_000, 1_100_000_000]
+    layouts = [(CLOCK, CLOCK_LAYOUT), (COLLISION, BOOL_LAYOUT)]
+    with Recorder(tmp_path / "block") as recorder:
+        block = recorder.prepare_block(layouts)
+        for stamp in stamps:
+            recorder.write_block(block, [divmod(stamp, 10**9), (stamp > 0,)], stamp)
+        block_path = recorder.finish()
+    with Recorder(tmp_path / "single") as recorder:
+        for topic, _ in layouts:
+            recorder.announce(topic)
+        for stamp in stamps:
+            recorder.write("/clock", encode_clock(stamp), stamp)
+            recorder.write("/collision", encode_bool(stamp > 0), stamp)
+        single_path = recorder.finish()
+    block_file = block_path / "block_0.mcap"
+    messages = partial_messages(block_file)
+    assert messages == partial_messages(single_path / "single_0.mcap")
+    assert [message.sequence for message in messages] == [1, 1, 2, 2, 3, 3]
+
+
+def test_indexes_lead_to_the_messages(tmp_path):
+    path = record(tmp_path / "bag") / "bag_0.mcap"
+    with path.open("rb") as file:
+        records = list(StreamReader(file, emit_chunks=True).records)
+        indexes = make_reader(file).get_summary().chunk_indexes
+    content = b""
+    entries = 0
+    for item in records:
+        if isinstance(item, Chunk):
+            content = zstandard.decompress(item.data)
+        if isinstance(item, MessageIndex):
+            for stamp, offset in item.records:
+                size = int.from_bytes(content[offset + 1 : offset + 9], "little")
+                stream = ReadDataStream(BytesIO(content[offset + 9 :]))
+                message = Message.read(stream, size)
+                assert (message.channel_id, message.log_time) == (
+                    item.channel_id,
+                    stamp,
+                )
+                entries += 1
+    assert entries == 100
+    data = path.read_bytes()
+    for index in indexes:
+        assert data[index.chunk_start_offset] == Opcode.CHUNK
+        for place in index.message_index_offsets.values():
+            assert data[place] == Opcode.MESSAGE_INDEX
 
 
 def test_metadata_file_has_what_rosbag2_wants(tmp_path):
