@@ -139,6 +139,7 @@ def test_indexes_lead_to_the_messages(tmp_path):
     path = record(tmp_path / "bag") / "bag_0.mcap"
     with path.open("rb") as file:
         records = list(StreamReader(file, emit_chunks=True).records)
+        file.seek(0)
         indexes = make_reader(file).get_summary().chunk_indexes
     content = b""
     entries = 0
