@@ -58,7 +58,7 @@ def choose_candidates(count: int, costs: FloatArray | None) -> npt.NDArray[np.in
         count: Number of candidates.
         costs: Costs (count,), as in `PlannerView`.
     """
-    indices = _spread_indices(count, MAX_CANDIDATES).copy()
+    indices: npt.NDArray[np.int64] = _spread_indices(count, MAX_CANDIDATES).copy()
     if costs is not None and np.isfinite(costs).any():
         cheapest = int(np.nanargmin(costs))
         # In place of its neighbor in the selection, so that the number stays.

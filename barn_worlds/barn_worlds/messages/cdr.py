@@ -49,10 +49,11 @@ def make_message(type_name: str, **fields: object) -> Message:
         type_name: Type, such as "geometry_msgs/msg/Twist".
         fields: Values by field name. All other fields are zero or empty.
     """
+    values: dict[str, Any] = dict(fields)
     for name, kind in jazzy_types().fielddefs[type_name][1]:
-        if name not in fields:
-            fields[name] = _default(kind)
-    return jazzy_types().types[type_name](**fields)
+        if name not in values:
+            values[name] = _default(kind)
+    return jazzy_types().types[type_name](**values)
 
 
 def serialize(message: Message) -> bytes:

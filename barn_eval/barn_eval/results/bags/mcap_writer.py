@@ -293,7 +293,7 @@ def _message_head(channel: WrittenChannel, size: int, stamp_ns: int) -> bytes:
 
 
 def _to_bytes(records: Iterable[McapRecord]) -> bytes:
-    builder = RecordBuilder()
+    builder: Any = RecordBuilder()
     for record in records:
         record.write(builder)
     return bytes(builder.end())
