@@ -49,7 +49,7 @@ class CandidateLines(NamedTuple):
     colors: FloatArray  # (k, 4) red, green, blue, opacity from 0 to 1
 
 
-def choose_candidates(count: int, costs: FloatArray | None) -> npt.NDArray[np.int64]:
+def choose_candidates(count: int, costs: FloatArray | None) -> Integers:
     """Return the indices of at most `MAX_CANDIDATES`, evenly spread.
 
     The cheapest one is always among them.
@@ -58,7 +58,7 @@ def choose_candidates(count: int, costs: FloatArray | None) -> npt.NDArray[np.in
         count: Number of candidates.
         costs: Costs (count,), as in `PlannerView`.
     """
-    indices: npt.NDArray[np.int64] = _spread_indices(count, MAX_CANDIDATES).copy()
+    indices: Integers = _spread_indices(count, MAX_CANDIDATES).copy()
     if costs is not None and np.isfinite(costs).any():
         cheapest = int(np.nanargmin(costs))
         # In place of its neighbor in the selection, so that the number stays.
