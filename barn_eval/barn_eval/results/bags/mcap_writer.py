@@ -174,8 +174,9 @@ class McapWriter:
             return
 
         # Times are sorted in the bags of the suite, but need not be.
-        first_ns = min(min(channel.index[::2]) for channel in filled)
-        last_ns = max(max(channel.index[::2]) for channel in filled)
+        stamps = [stamp for channel in filled for stamp in channel.index[::2]]
+        first_ns = min(stamps)
+        last_ns = max(stamps)
         records = b"".join(self._chunk)
         size = len(records)
         compressed = self._compressor.compress(records)
@@ -242,18 +243,18 @@ class McapWriter:
         start = self._stream.tell()
         summary = b""
         offsets = []
-        groups: dict[Opcode, Sequence[McapRecord]] = {
-            Opcode.SCHEMA: self._schemas,
-            Opcode.CHANNEL: [channel.record for channel in self._channels],
-            Opcode.STATISTICS: [self._statistics()],
-            Opcode.CHUNK_INDEX: self._chunks,
-            Opcode.METADATA_INDEX: self._metadata,
-        }
-        for opcode, records in groups.items():
-            group = _to_bytes(records)
+        groups: list[Sequence[McapRecord]] = [
+            self._schemas,
+            [channel.record for channel in self._channels],
+            [self._statistics()],
+            self._chunks,
+            self._metadata,
+        ]
+        for group in map(_to_bytes, groups):
             if group:
                 place = start + len(summary)
-                offsets.append(SummaryOffset(opcode, place, len(group)))
+                # Each record begins with its opcode.
+                offsets.append(SummaryOffset(group[0], place, len(group)))
                 summary += group
         offset_start = start + len(summary)
         summary += _to_bytes(offsets)
@@ -264,11 +265,7 @@ class McapWriter:
         self._stream.write(summary + MCAP0_MAGIC)
 
     def _statistics(self) -> Statistics:
-        counts = {
-            channel.record.id: channel.count
-            for channel in self._channels
-            if channel.count
-        }
+        counts = {channel.record.id: channel.count for channel in self._channels}
         first_ns = min((chunk.message_start_time for chunk in self._chunks), default=0)
         last_ns = max((chunk.message_end_time for chunk in self._chunks), default=0)
         return Statistics(

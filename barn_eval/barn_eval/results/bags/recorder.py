@@ -9,11 +9,10 @@ import json
 import shutil
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from textwrap import indent
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
 import yaml
 
@@ -37,17 +36,15 @@ from barn_worlds.messages.topics import (
 METADATA_VERSION = 9  # of metadata.yaml, as rosbag2 of Jazzy writes it
 PARTIAL = ".partial"
 _CHUNK_BYTES = 1 << 20
+_TYPE_HASH = "topic_type_hash"
 _Dumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # libyaml's is faster
 # The longest time that 64 bits hold, by which ROS means no limit.
 _INFINITE = {"sec": 9223372036, "nsec": 854775807}
 
 
-@dataclass
-class _RecordedTopic:
-    name: str
+class _RecordedTopic(NamedTuple):
     type_name: str
     qos: Qos
-    type_hash: str
     channel: WrittenChannel
 
 
@@ -116,15 +113,14 @@ class Recorder:
             self._schemas[type_name] = self._writer.add_schema(
                 type_name, _definition(type_name)
             )
-        type_hash = _type_hash(type_name)
         metadata = {
             "offered_qos_profiles": _profile_text(qos),
-            "topic_type_hash": type_hash,
+            _TYPE_HASH: _type_hash(type_name),
         }
         if known_as:
             metadata["known_as"] = known_as
         channel = self._writer.add_channel(name, self._schemas[type_name], metadata)
-        self._topics[name] = _RecordedTopic(name, type_name, qos, type_hash, channel)
+        self._topics[name] = _RecordedTopic(type_name, qos, channel)
 
     def announce(self, topic: Topic) -> None:
         """Announce a topic as a player offers it: with a queue for many messages."""
@@ -279,11 +275,11 @@ def _profile(qos: Qos) -> dict[str, Any]:
 
 def _topic_entry(topic: _RecordedTopic) -> dict[str, Any]:
     metadata = {
-        "name": topic.name,
+        "name": topic.channel.record.topic,
         "type": topic.type_name,
         "serialization_format": "cdr",
         "offered_qos_profiles": [_profile(topic.qos)],
-        "type_description_hash": topic.type_hash,
+        "type_description_hash": topic.channel.record.metadata[_TYPE_HASH],
     }
     return {"topic_metadata": metadata, "message_count": topic.channel.count}
 
