@@ -18,12 +18,7 @@ from barn_eval.trials.result import (
 
 _MAX_NAMED_TRIALS = 5
 # What successes by equal commands have in common.
-_drive_key = attrgetter(
-    "world_checksum",
-    "simulator_seed",
-    "scores.traversal_time_s",
-    "measures.driven_m",
-)
+_drive_key = attrgetter("world_checksum", "simulator_seed", "scores.traversal_time_s")
 
 
 def find_mixture(entries: Sequence[Entry]) -> Iterator[str]:
@@ -64,7 +59,7 @@ def list_notes(entries: Sequence[Entry]) -> list[str]:
 
 def _find_equal_planners(results: Mapping[Source, Rows]) -> Iterator[str]:
     """Yield a sentence for two planners that succeed by equal commands."""
-    # Equal commands give equal rows. So the files of commands, which are large, are
+    # Equal commands take equal times. So the files of commands, which are large, are
     # opened for suspects only.
     planners: dict[Hashable, set[str]] = {}
     for row in chain.from_iterable(results.values()):

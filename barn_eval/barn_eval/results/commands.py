@@ -3,7 +3,9 @@
 import json
 from collections import Counter
 from collections.abc import Hashable, Iterable
+from contextlib import suppress
 from itertools import combinations
+from operator import itemgetter
 
 import numpy as np
 
@@ -19,6 +21,8 @@ from barn_worlds.base.types import nanoseconds
 # A trial with more readings keeps no commands. At 20 Hz these are 37 minutes, and even
 # random numbers fit into the longest line that is read.
 MAX_COMMANDS = 45_000
+# In m/s and rad/s: who changes another's commands by less hides nothing.
+_EQUAL = 0.01
 # Two numbers of 8 bytes for each reading.
 _MAX_BYTES = 16 * MAX_COMMANDS
 
@@ -111,17 +115,29 @@ def count_equal_commands(
 ) -> Counter[tuple[str, str]]:
     """Return in how many trials two planners gave the same commands, by their names.
 
+    Commands that hardly differ at any instant count as the same.
+
     Args:
         trials: What a trial shares with those that it is compared with, such as its
             world; name of the planner; line of its commands.
     """
-    planners: dict[tuple[Hashable, str], set[str]] = {}
+    drives: dict[tuple[Hashable, int], list[tuple[str, Floats]]] = {}
     for shared, planner, line in trials:
-        commands = str(json.loads(line).get("zlib"))
-        planners.setdefault((shared, commands), set()).add(planner)
+        # A line that is damaged is reported where its trial is checked.
+        with suppress(ConfigError):
+            _, commands = parse_commands_line(line, planner)
+            drives.setdefault((shared, len(commands)), []).append((planner, commands))
     counts: Counter[tuple[str, str]] = Counter()
-    for names in planners.values():
-        counts.update(combinations(sorted(names), 2))
+    for group in drives.values():
+        pairs = set()
+        for (name, commands), (other, others) in combinations(
+            sorted(group, key=itemgetter(0)), 2
+        ):
+            if name != other and np.allclose(
+                commands, others, rtol=0.0, atol=_EQUAL, equal_nan=True
+            ):
+                pairs.add((name, other))
+        counts.update(pairs)
     return counts
 
 

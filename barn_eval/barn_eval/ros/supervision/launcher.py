@@ -172,19 +172,25 @@ def _mount_views(results: str, command: list[str]) -> bool:
     for name in (*_KERNEL_FOLDERS, *names):
         if name.startswith(("/proc/", "/sys")) and Path(name).exists():
             _bind(Path(name), _MS_RDONLY)
+    # It could also read the results from the disk itself.
+    for path in Path("/dev").rglob("*"):
+        if path.is_block_device() and not path.is_symlink():
+            _bind(path, source=Path("/dev/null"))
     return True
 
 
-def _bind(path: Path, flags: int = 0) -> None:
+def _bind(path: Path, flags: int = 0, source: Path | None = None) -> None:
     """Mount a path onto itself, with all mounts below; OSError if that fails.
 
     Args:
         path: The path. Nobody can move or replace it while it is a mount.
         flags: Flags that the mount gets, such as that of read-only.
+        source: What takes its place, by default itself.
     """
     name = os.fsencode(path)
+    origin = os.fsencode(source or path)
     problem = f"{path} cannot be mounted"
-    _require_success(_LIBC.mount(name, name, None, _MS_BIND | _MS_REC, None), problem)
+    _require_success(_LIBC.mount(origin, name, None, _MS_BIND | _MS_REC, None), problem)
     if flags:
         # A bind mount gets flags only when it is mounted again.
         flags |= os.statvfs(path).f_flag & _LOCKED_MOUNT_FLAGS

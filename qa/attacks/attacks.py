@@ -1,0 +1,373 @@
+"""Attacks on results: each tries to win unseen, to break a verdict or to see the answers.
+
+    python qa/attacks/attacks.py --only 'folder/*'
+
+A line for each attack says what it tries and by what it is seen or prevented. The exit
+code is 1 if one succeeds unseen. `beat_the_bound.py` searches for more.
+"""
+
+import fnmatch
+import json
+import math
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+import click
+
+TESTS = Path(__file__).resolve().parents[2] / "barn_eval" / "test"
+sys.path.insert(0, str(TESTS))
+
+from forgery import edit_run, forge, won  # noqa: E402
+from planners import Straight, run_inline  # noqa: E402
+from report_work import rewrite_rows  # noqa: E402
+
+import barn_eval as barn  # noqa: E402
+from barn_eval.analysis.leaderboard import make_boards  # noqa: E402
+from barn_eval.results.commands import parse_commands_line  # noqa: E402
+from barn_eval.results.rows import RowFile, seal_line, unseal_line, write_tables  # noqa: E402
+from barn_eval.results.tracks import pack_arrays  # noqa: E402
+from barn_eval.ros.isolation import probe_isolation  # noqa: E402
+from barn_eval.ros.supervision.process import SupervisedProcess  # noqa: E402
+from barn_eval.running import direct  # noqa: E402
+from barn_eval.trials.protocol import CHALLENGE  # noqa: E402
+from barn_eval.verification.submission import submit, verify  # noqa: E402
+from barn_planners.interface import Decision, Observation, Planner, Task  # noqa: E402
+from barn_planners.registry import make_planner  # noqa: E402
+
+SCRATCH = Path(tempfile.mkdtemp(prefix="barn-attacks-"))
+ROOM = Path(__file__).with_name("room.py")
+LOST = "straight_w0120_r00"  # which drives blindly at its goal and hits a post
+OTHER = "other_w0120_r00"
+LINES = ("tracks.jsonl", "commands.jsonl")
+
+ATTACKS: dict[str, tuple[str, Callable[[], str]]] = {}
+
+
+class Other(Planner):
+    """A better planner, that is not of the suite."""
+
+    def start(self, task: Task, seed: int) -> None:
+        """Begin a trial."""
+        self.gap = make_planner("gap")
+        self.gap.start(task, seed)
+
+    def step(self, observation: Observation) -> Decision:
+        """Return what it decides."""
+        return self.gap.step(observation)
+
+
+class Twin(Other):
+    """The same planner under a name of its own."""
+
+
+def add(name: str, tries: str, act: Callable[[], str]) -> None:
+    """Add an attack that returns by what it was seen or prevented, "" if by nothing."""
+    ATTACKS[name] = (tries, act)
+
+
+@cache
+def driven(*planners: str, **options: Any) -> Path:
+    """Return a folder of trials in world 120, driven once."""
+    kinds = {"straight": Straight, "other": Other, "twin": Twin}
+    choices: Any = list(planners)
+    if kinds.keys() >= set(planners):
+        choices = {name: kinds[name] for name in planners}
+    out = SCRATCH / f"driven{len(list(SCRATCH.iterdir()))}"
+    options = {"out": out, "worlds": "120", "seed": 5} | options
+    worlds = options.pop("worlds")
+    folder: Path = run_inline(worlds, choices, CHALLENGE, **options).folder
+    return folder
+
+
+def copy(folder: Path) -> Path:
+    """Return a copy of a folder, to be forged."""
+    number = len(list(SCRATCH.iterdir()))
+    return Path(shutil.copytree(folder, SCRATCH / f"forged{number}" / "out"))
+
+
+def describe_check(folder: Path) -> str:
+    """Return the first line of what a check does not believe or cannot check."""
+    rows = RowFile(folder).read()
+    if len({row.trial_id for row in rows}) == len(rows):
+        write_tables(folder, rows)
+    check = barn.results.check(folder)
+    return next(iter([*check.problems, *check.unchecked, *check.notes]), "")
+
+
+def forged(change: Callable[[Path], object], *planners: str, **options: Any) -> str:
+    """Forge a copy of a folder and return what a check says of it."""
+    folder = copy(driven(*(planners or ("straight",)), **options))
+    try:
+        change(folder)
+        return describe_check(folder)
+    except barn.BarnError as error:
+        return f"refused: {error}"
+
+
+def edit_lines(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
+    """Change the JSON of each line of a file, and seal the lines again."""
+    lines = []
+    for line in path.read_text().splitlines():
+        content = json.loads(unseal_line(line, path.name))
+        change(content)
+        lines.append(seal_line(json.dumps(content)) + "\n")
+    path.write_text("".join(lines))
+
+
+def edit_rows(folder: Path, change: Callable[[dict[str, Any]], object]) -> None:
+    """Change each row of a folder."""
+    edit_lines(folder / "results.jsonl", change)
+
+
+def win(folder: Path, time_s: float = 18.0) -> None:
+    """Make a collision a quick success."""
+    forge(folder, **won(barn.load(folder).trials[0], time_s))
+
+
+def blame_environment(folder: Path, *, erase: bool = False) -> None:
+    """Make a collision the environment's, which is driven again."""
+    forge(folder, outcome="environment_failed", fault="environment", detail="stalled")
+    if erase:
+        forge(folder, measures__driven_m=0.0, measures__mean_speed_mps=0.0)
+        for name in LINES:
+            (folder / name).unlink()
+
+
+def take_the_other_trial(folder: Path, nudge: float = 0.0) -> None:
+    """Put row, track and commands of the other planner in place of one's own."""
+    rows = {row["trial_id"]: row for row in rewrite_rows(folder, lambda rows: rows)}
+    names = ("outcome", "detail", "fault", "scores", "measures", "recoveries")
+    kept = {name: rows[OTHER][name] for name in names}
+    edit_rows(folder, lambda row: row.update(kept))
+    for name in LINES:
+        lines = (folder / name).read_text().splitlines()
+        contents = [json.loads(unseal_line(line, name)) for line in lines]
+        (own,) = (line for line in contents if line["trial_id"] == OTHER)
+        (folder / name).write_text("")
+        for trial_id in (LOST, OTHER):
+            line = seal_line(json.dumps(own | {"trial_id": trial_id}))
+            with (folder / name).open("a") as file:
+                file.write(f"{line}\n")
+    if nudge:
+        edit_lines(folder / "commands.jsonl", partial(nudge_commands, by=nudge))
+
+
+def nudge_commands(content: dict[str, Any], by: float) -> None:
+    """Change commands of the loser by as good as nothing."""
+    if content["trial_id"] == LOST:
+        _, commands = parse_commands_line(json.dumps(content), "")
+        content |= pack_arrays({"commands": (commands + by).ravel()})
+
+
+def double_row(folder: Path) -> None:
+    """Append a better row of the same trial."""
+    path = folder / "results.jsonl"
+    first = path.read_text()
+    win(folder)
+    path.write_text(first + path.read_text())
+
+
+def in_run(*keys: str, value: object) -> Callable[[Path], None]:
+    """Return what sets a key of run.json."""
+
+    def change(folder: Path) -> None:
+        with edit_run(folder) as content:
+            part = content
+            for key in keys[:-1]:
+                part = part[int(key)] if isinstance(part, list) else part[key]
+            part[keys[-1]] = value
+
+    return change
+
+
+def leave_out(folder: Path) -> None:
+    """Leave the world out in which one's own planner failed."""
+    in_run("experiment", "worlds", value="0")(folder)
+    with edit_run(folder) as content:
+        content["worlds"].pop("120")
+    rewrite_rows(folder, lambda rows: [row for row in rows if row["world"] == 0])
+    for name in LINES:
+        lines = (folder / name).read_text().splitlines()
+        kept = [line for line in lines if "_w0000_" in line]
+        (folder / name).write_text("".join(f"{line}\n" for line in kept))
+
+
+def board_of_part() -> str:
+    """Rank a folder that leaves a world out beside a whole one."""
+    whole = driven("other", worlds="0,120")
+    part = copy(driven("straight", worlds="0,120"))
+    leave_out(part)
+    problem = describe_check(part)
+    if problem:
+        return problem
+    notes = [note for board in make_boards([whole, part]) for note in board.notes]
+    return next((note for note in notes if "other trials" in note), "")
+
+
+def under_another_name() -> str:
+    """Submit what one planner drove as a planner of the suite."""
+    make = direct.make_planner
+    direct.make_planner = lambda *_: make("gap")
+    try:
+        folder = driven("dwa")
+    finally:
+        direct.make_planner = make
+    submit(folder, SCRATCH / "impostor.zip")
+    check, _ = verify(SCRATCH / "impostor.zip", SCRATCH / "unpacked")
+    return next(iter(check.problems), "")
+
+
+def rank_twins() -> str:
+    """Enter one planner twice, so that one of them leads or others lose a test."""
+    folder = driven("other", "twin", worlds="0,120")
+    (board,) = make_boards([folder])
+    return next((note for note in board.notes if "equal commands" in note), "")
+
+
+def shuffle() -> str:
+    """Bring rows into another order, by which the verdict might change."""
+    folder = driven("other", "straight", worlds="0,120")
+    other = copy(folder)
+    rewrite_rows(other, lambda rows: rows[::-1])
+    verdicts = {barn.load(path).verdict() for path in (folder, other)}
+    return f"the same verdict: {verdicts.pop()}" if len(verdicts) == 1 else ""
+
+
+def in_room(deed: str) -> str:
+    """Do a deed in a process that is kept apart; return what kept it from success."""
+    if probe_isolation() != "apart":
+        return f"not tried here: {probe_isolation()}"
+    folder = SCRATCH / deed
+    out = folder / "above" / "out"
+    (out / "bags").mkdir(parents=True)
+    (out / "bags" / "secret").write_text("true pose")
+    log = folder / "log"
+    words = [sys.executable, str(ROOM), deed, str(out), str(os.getpid())]
+    process = SupervisedProcess(
+        "planner", words, os.environ, log, kind=f"isolated:{out}"
+    )
+    process.wait(60.0)
+    process.stop()
+    text = log.read_text()
+    has_moved = not (out / "bags" / "secret").exists()
+    return "" if has_moved or "SUCCESS" in text else text.strip().splitlines()[-1]
+
+
+for _name, _tries, _change in (
+    ("quick-success", "A collision becomes a success in 18 s.", win),
+    ("impossible-time", "It becomes a success in 3 s.", partial(win, time_s=3.0)),
+    (
+        "environment",
+        "A collision becomes the environment's failure, to be driven again.",
+        blame_environment,
+    ),
+    (
+        "environment-erased",
+        "The same, and its track and commands are deleted.",
+        partial(blame_environment, erase=True),
+    ),
+    ("double-row", "A better row of the same trial is appended.", double_row),
+    (
+        "no-contact",
+        "Contacts of a collision are set to 0.",
+        lambda folder: forge(folder, measures__contacts=0, measures__contact_s=0.0),
+    ),
+    (
+        "smooth",
+        "Jerk, rotation and steps of commands are halved.",
+        lambda folder: forge(
+            folder, measures__rms_jerk_mps3=0.1, measures__rotation_rad=0.1
+        ),
+    ),
+    (
+        "remark",
+        "A remark is added to a row.",
+        lambda folder: forge(folder, remarks="checked by the organizer"),
+    ),
+    (
+        "nan",
+        "A score is NaN.",
+        lambda folder: forge(folder, scores__challenge=math.nan),
+    ),
+    (
+        "limit",
+        "The protocol in run.json gets more time.",
+        in_run("experiment", "protocol", "limit_s", value=200.0),
+    ),
+    (
+        "robot",
+        "The robot in run.json gets faster.",
+        in_run("experiment", "simulator", "drive", "max_speed_m_s", value=3.0),
+    ),
+    ("seed", "The seed in run.json is another.", in_run("experiment", "seed", value=6)),
+    ("sessions", "run.json has no session.", in_run("sessions", value=[])),
+    (
+        "release",
+        "run.json says that a later version computed it.",
+        in_run("code_versions", "physics", value=99),
+    ),
+    (
+        "link",
+        "Rows are a link to a file elsewhere, to be changed after the check.",
+        lambda folder: (
+            (folder / "results.jsonl").replace(folder.parent / "rows")
+            and (folder / "results.jsonl").symlink_to(folder.parent / "rows")
+        ),
+    ),
+):
+    add(f"folder/{_name}", _tries, partial(forged, _change))
+
+for _name, _tries, _nudge in (
+    ("others-trial", "Row, track and commands are another planner's.", 0.0),
+    ("nudged-trial", "The same, and its commands are changed by 1e-9.", 1e-9),
+):
+    _take = partial(take_the_other_trial, nudge=_nudge)
+    add(f"folder/{_name}", _tries, partial(forged, _take, "straight", "other"))
+add("folder/part", "The world in which it failed is left out.", board_of_part)
+add(
+    "submission/name", "A planner is submitted as one of the suite.", under_another_name
+)
+add("verdict/twins", "One planner is entered under two names.", rank_twins)
+add("verdict/order", "Rows come in another order.", shuffle)
+
+for _name, _tries in (
+    ("list", "The planner lists the folder of results."),
+    ("move", "It moves the folders above the results."),
+    ("unmount", "It takes away what hides the results."),
+    ("unshare", "It does so in namespaces of its own."),
+    ("bind", "It mounts the file system a second time, without what hides them."),
+    ("root", "It goes around that by /proc/1 and open files."),
+    ("trace", "It stops or traces the supervisor."),
+    ("kernel", "It changes settings of the kernel, or freezes the suite."),
+    ("disk", "It reads the disk itself."),
+):
+    add(f"room/{_name}", _tries, partial(in_room, _name))
+
+
+@click.command()
+@click.option("--list", "is_list", is_flag=True, help="List the attacks and try none.")
+@click.option("--only", multiple=True, metavar="GLOB", help="Such as 'room/*'.")
+def main(is_list: bool, only: Sequence[str]) -> None:
+    """Try attacks; exit code 1 if one succeeds unseen."""
+    unseen = 0
+    for name, (tries, act) in ATTACKS.items():
+        if only and not any(fnmatch.fnmatch(name, pattern) for pattern in only):
+            continue
+        click.echo(f"{name}: {tries}")
+        if is_list:
+            continue
+        sight = " ".join(act().replace(str(SCRATCH), "").split())
+        unseen += not sight
+        click.echo(f"    {sight[:200] or 'SUCCEEDS UNSEEN'}")
+    shutil.rmtree(SCRATCH, ignore_errors=True)
+    sys.exit(int(unseen > 0))
+
+
+if __name__ == "__main__":
+    main()
