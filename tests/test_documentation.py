@@ -28,6 +28,7 @@ WORDS = {
     "carry_over": 650,
     "dynamic": 1450,
     "efficiency": 650,
+    "fairness": 1500,
     "fidelity": 1200,
     "hard_worlds": 550,
     "learning": 1050,

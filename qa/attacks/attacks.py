@@ -17,6 +17,7 @@ from collections.abc import Callable, Sequence
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import click
 
@@ -212,12 +213,8 @@ def board_of_part() -> str:
 
 def under_another_name() -> str:
     """Submit what one planner drove as a planner of the suite."""
-    make = direct.make_planner
-    direct.make_planner = lambda *_: make("gap")
-    try:
+    with patch.object(direct, "make_planner", lambda *_: make_planner("gap")):
         folder = driven("dwa")
-    finally:
-        direct.make_planner = make
     submit(folder, SCRATCH / "impostor.zip")
     check, _ = verify(SCRATCH / "impostor.zip", SCRATCH / "unpacked")
     return next(iter(check.problems), "")
