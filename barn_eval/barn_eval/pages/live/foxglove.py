@@ -7,9 +7,11 @@ while nobody watches.
 import threading
 from importlib.util import find_spec
 from pathlib import Path
+from secrets import randbelow
 from typing import Any
 
 from barn_eval.pages import LIVE_PORT
+from barn_eval.pages.live.gate import Gate
 from barn_eval.results.bags.bagfile import TrialFollower
 from barn_eval.results.bags.mcap_file import RawMessage
 from barn_worlds.base.errors import BarnError, ConfigError
@@ -61,13 +63,16 @@ class FoxgloveStream:
         self._new_channel_ids: set[int] = set()
         self._stop = threading.Event()
         try:
+            # The SDK lets any page connect, so only the gate is where one may look.
+            inner = ".".join(["127", *(str(1 + randbelow(254)) for _ in range(3))])
             self._server = foxglove.start_server(
                 name="barn",
-                host=host,
-                port=port,
+                host=inner,
+                port=0,
                 context=self._context,
                 server_listener=_Listener(self._new_channel_ids),
             )
+            self._gate = Gate((host, port), (inner, self._server.port))
         # The SDK has classes of its own for an address that is in use.
         except Exception as error:
             raise ConfigError(
@@ -76,7 +81,7 @@ class FoxgloveStream:
         # Viewers list topics when they connect, before any message has come.
         for topic in _TOPICS.values():
             self._channel(topic.path, topic.type_name)
-        self.url = f"ws://{host}:{self._server.port}"
+        self.url = f"ws://{host}:{self._gate.server_address[1]}"
         self._thread = threading.Thread(target=self._follow, daemon=True)
         self._thread.start()
 
@@ -84,6 +89,7 @@ class FoxgloveStream:
         """Stop to follow bags and to serve viewers; wait until both have ended."""
         self._stop.set()
         self._thread.join()
+        self._gate.close()
         self._server.stop()
 
     def _follow(self) -> None:

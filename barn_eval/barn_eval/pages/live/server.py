@@ -23,6 +23,7 @@ from barn_eval.analysis.summary import make_bars
 from barn_eval.analysis.text_table import count_noun
 from barn_eval.analysis.verdict import Conclusion, conclude_results, list_cautions
 from barn_eval.pages import LOOPBACK, PAGE_PORT
+from barn_eval.pages.live.gate import names_this_machine
 from barn_eval.pages.replay.page import replay_page
 from barn_eval.pages.template import render, themed
 from barn_eval.results.bags import BAGS
@@ -288,20 +289,6 @@ class PageServer(ThreadingHTTPServer):
         self.server_name = gethostname()
         self.server_port = self.server_address[1]
 
-    def accepts(self, host: str) -> bool:
-        """Return whether a Host header is an IP address or names this machine.
-
-        Any other name may belong to a site that rebinds it to this address.
-        """
-        # The header may have a port, and an address of IPv6 its brackets.
-        name = ""
-        try:
-            name = urlsplit(f"//{host}").hostname or ""
-            ip_address(name)
-        except ValueError:
-            return name in ("localhost", self.server_name)
-        return True
-
 
 class _Handler(BaseHTTPRequestHandler):
     """Answers the requests of one connection to the page's server."""
@@ -313,7 +300,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """Answer a GET request with a page or JSON, or a line that says why not."""
-        if self.server.accepts(self.headers.get("Host", "")):
+        if names_this_machine(self.headers.get("Host", "")):
             try:
                 response = self.server.respond(urlsplit(self.path).path)
             except (BarnError, OSError, ValueError) as error:

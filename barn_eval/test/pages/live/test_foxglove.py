@@ -4,6 +4,7 @@ costs the trial nothing.
 
 import re
 import signal
+import socket
 import subprocess
 import time
 from contextlib import closing
@@ -14,6 +15,7 @@ from refusals import refused
 from waiting import barn_words
 
 from barn_eval.pages.live import foxglove as live
+from barn_eval.pages.live.gate import Gate
 from barn_eval.results.bags.bagfile import TrialFollower
 from barn_eval.results.bags.recorder import Recorder
 from barn_worlds.base.errors import BagError
@@ -139,6 +141,37 @@ def test_viewers_get_messages_and_late_ones_latched_ones(tmp_path):
             live.FoxgloveStream(
                 tmp_path, host="127.0.0.1", port=int(view.url.split(":")[2])
             )
+
+
+@pytest.mark.parametrize(
+    ("host", "origin", "passes"),
+    [
+        ("127.0.0.1:1", None, True),
+        ("localhost", "http://localhost:8080", True),
+        ("127.0.0.1", "https://app.foxglove.dev", True),
+        ("127.0.0.1", "file://", True),
+        ("127.0.0.1", "https://example.com", False),
+        ("127.0.0.1", "http://10.1.2.3", False),
+        ("127.0.0.1", "null", False),
+        ("127.0.0.1", "https://foxglove.dev.example.com", False),
+        ("example.com", None, False),
+        ("[::1", None, False),
+    ],
+)
+def test_no_page_of_another_site_passes_the_gate(host, origin, passes):
+    with socket.create_server(("127.0.0.1", 0)) as inner:
+        gate = Gate(("127.0.0.1", 0), inner.getsockname())
+        with closing(gate), socket.create_connection(gate.server_address) as viewer:
+            lines = ["GET / HTTP/1.1", f"Host: {host}"]
+            lines += [f"Origin: {origin}"] if origin else []
+            viewer.sendall("\r\n".join([*lines, "", ""]).encode())
+            if passes:
+                server, _ = inner.accept()
+                with server:
+                    assert server.recv(1000).startswith(b"GET / HTTP/1.1\r\nHost: ")
+                    server.sendall(b"hello")
+            answer = viewer.recv(1000)
+    assert answer.startswith(b"hello" if passes else b"HTTP/1.1 403")
 
 
 def test_a_path_of_two_topics_has_the_first_type_and_is_latched_if_either_is(tmp_path):

@@ -262,6 +262,14 @@ def test_a_foreign_command_gets_no_wheels_of_ours():
     assert nodes.foreign_environment({"A": "b"}) == {"A": "b"}
 
 
+def test_ros_starts_without_a_home_as_services_do(tmp_path):
+    variables = nodes.environment({}, 7)
+    assert Path(variables["ROS_LOG_DIR"]).is_dir()
+    assert "ROS_LOG_DIR" not in nodes.environment({"HOME": str(tmp_path)}, 7)
+    given = {"ROS_LOG_DIR": "/mine"}
+    assert given.items() <= nodes.environment(given, 7).items()
+
+
 @KEPT_APART
 def test_an_isolated_planner_sees_only_its_own_processes(tmp_path):
     script = f"""
