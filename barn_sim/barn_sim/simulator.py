@@ -1,5 +1,7 @@
 """The simulator core: one robot in one world for one trial."""
 
+import math
+
 import numpy as np
 
 from barn_sim import seeds
@@ -14,8 +16,11 @@ from barn_sim.sensors.localization import FilterLocalization, make_localization
 from barn_sim.sensors.particles import ParticleLocalization
 from barn_sim.sensors.readings import Joints, Sensors
 from barn_worlds.base.arrays import Singles
+from barn_worlds.base.errors import TippedError
 from barn_worlds.base.types import STOP, Odometry, Pose2D, Scan, Velocity2D, nanoseconds
 from barn_worlds.worlds.world import World
+
+_LARGEST_TILT_RAD = math.radians(60.0)
 
 
 class Simulator:
@@ -181,10 +186,20 @@ class Simulator:
         self.motion.drive.command(exact, arrival_ns)
 
     def advance(self, ticks: int) -> None:
-        """Advance by physics ticks, not control periods, and read no sensor."""
+        """Advance by physics ticks, not control periods, and read no sensor.
+
+        Raises:
+            TippedError: If the robot has tipped over.
+        """
         if self.lidar.sweeps:
             self.motion.remember_pose()
         self.motion.advance(ticks)
+        # No tire gets back to the ground from there.
+        if self.motion.tilt_rad() > _LARGEST_TILT_RAD:
+            raise TippedError(
+                f"robot {self.config.chassis.name} tipped over: lower its"
+                " centre_of_mass_m or max_acceleration_m_s2"
+            )
 
     def read_odometry(self) -> Odometry:
         """Return the fused odometry now: pose in the odom frame, speed and yaw rate."""

@@ -452,7 +452,9 @@ class TrialRunner:
 def _is_others_fault(verdict: Verdict) -> bool:
     """Return whether something else than the planner has failed, this time."""
     is_others = verdict.fault in (SIMULATOR, ENVIRONMENT)
-    return is_others and verdict.outcome not in MUTUAL_WAITS
+    # The same commands would tip the robot over again.
+    is_final = verdict.outcome in (*MUTUAL_WAITS, Outcome.ROBOT_TIPPED)
+    return is_others and not is_final
 
 
 if __name__ == "__main__":

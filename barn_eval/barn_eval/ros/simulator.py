@@ -51,6 +51,8 @@ class SimulatorChannel:
         self.participant = b""
         # What other nodes have asked of the simulator, in vain.
         self.interference: list[str] = []
+        # How the robot has tipped over since the reset, if it has.
+        self.tip = ""
         # Since the reset, of a planner with a rate of its own: stamps of the readings
         # that it has answered, and what its processes have computed for each.
         self.answered_ns: set[int] = set()
@@ -97,6 +99,7 @@ class SimulatorChannel:
             # Before the request, since the first readings of a trial come before the
             # answer to it.
             self._drops_readings = False
+            self.tip = ""
             self.answered_ns.clear()
             self.processor_times_s.clear()
 
@@ -126,6 +129,8 @@ class SimulatorChannel:
                     self._readings.append(Message(topic, packet.data, packet.sent_ns))
             elif "answer" in packet:
                 self._answers[packet["answer"]] = packet
+            elif "tipped" in packet:
+                self.tip = packet["tipped"]
             elif "answered" in packet:
                 self.answered_ns.add(packet["answered"])
                 if packet["processor_ns"] is not None:

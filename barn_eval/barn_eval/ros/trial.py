@@ -393,6 +393,8 @@ class RosTrial:
                 return self.trial.verdict
 
             loop.require_alive(PLANNER, SIMULATOR)
+            if context.channel is not None and context.channel.tip:
+                raise TrialEnded(Outcome.ROBOT_TIPPED, context.channel.tip)
             # A look at the graph may take time, in which nothing is read: the watchdog
             # must judge by the time before it.
             now_s = loop.now_s

@@ -32,7 +32,7 @@ from barn_sim.contact.scene import ScenePool
 from barn_sim.sensors.readings import Sensors
 from barn_sim.simulator import Simulator
 from barn_worlds.base.compute import CycleTimer
-from barn_worlds.base.errors import BarnError
+from barn_worlds.base.errors import BarnError, TippedError
 from barn_worlds.base.types import STOP, Velocity2D
 
 # What this process has warmed up: ("", "") for simulator and referee, and planners with
@@ -198,9 +198,12 @@ class _DirectTrial:
                     sensors = simulator.step(command, delay_ns)
                 # Whatever the simulator raises belongs into the result.
                 except Exception as error:
-                    verdict = trial.referee.fail(
-                        Outcome.SIMULATOR_DIED, describe_error(error)
-                    )
+                    outcome = Outcome.SIMULATOR_DIED
+                    detail = describe_error(error)
+                    if isinstance(error, TippedError):
+                        outcome = Outcome.ROBOT_TIPPED
+                        detail = str(error)
+                    verdict = trial.referee.fail(outcome, detail)
                     self._record_standing(sensors.stamp_ns)
                     return verdict
 

@@ -23,6 +23,7 @@ class Outcome(str, Enum):
     SIMULATOR_DIED = "simulator_died"
     INTERFERENCE = "interference"
     ENVIRONMENT_FAILED = "environment_failed"
+    ROBOT_TIPPED = "robot_tipped"
 
     @property
     def words(self) -> str:
@@ -35,7 +36,11 @@ class Outcome(str, Enum):
 PLANNER = "planner"
 SIMULATOR = "simulator"
 ENVIRONMENT = "environment"
-_CULPRITS = {Outcome.SIMULATOR_DIED: SIMULATOR, Outcome.ENVIRONMENT_FAILED: ENVIRONMENT}
+_CULPRITS = {
+    Outcome.SIMULATOR_DIED: SIMULATOR,
+    Outcome.ENVIRONMENT_FAILED: ENVIRONMENT,
+    Outcome.ROBOT_TIPPED: ENVIRONMENT,
+}
 
 # The planner did not drive to the end. If no trial of a run has another outcome, the
 # command's exit code says so.

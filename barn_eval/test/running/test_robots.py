@@ -1,5 +1,6 @@
 """What --robot changes from the request to the board."""
 
+import json
 import math
 from contextlib import closing
 from dataclasses import replace
@@ -12,13 +13,14 @@ import barn_eval as barn
 from barn_eval.analysis.overview import reproduce
 from barn_eval.analysis.sources import read_source
 from barn_eval.results.bags.recorded import read_recorded_trial
+from barn_eval.results.rows import unseal_line
 from barn_eval.running.request import read_request
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.spec import simulator_config
 from barn_sim.config import PRESETS, robot_of, with_robot
 from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.formats.dataset_file import write_dataset_file
-from barn_worlds.robots.files import find_robot_files, load_robot
+from barn_worlds.robots.files import find_robot_files, load_robot, robot_yaml
 
 HUSKY = load_robot("husky")
 
@@ -172,3 +174,26 @@ def test_batched_environments_have_cells_of_one_size(husky_worlds, tmp_path):
                 JackalVectorEnv(4, dataset=str(tmp_path / "mixed.npz"), robot="husky")
             ) as environments:
                 environments.reset(seed=seed)
+
+
+def test_a_robot_that_tips_over_ends_the_trial_by_no_fault_of_its_planner(tmp_path):
+    robot = load_robot("turtlebot4")
+    x, y, _ = robot.chassis.centre_of_mass_m
+    chassis = replace(
+        robot.chassis,
+        name="pole",
+        centre_of_mass_m=(x, y, 1.0),
+        inertia_kg_m2=(1.0, 1.0, 0.2),
+        body_height_m=1.5,
+    )
+    drive = replace(robot.drive, max_speed_m_s=1.0, max_acceleration_m_s2=20.0)
+    path = tmp_path / "pole.yaml"
+    path.write_text(robot_yaml(replace(robot, chassis=chassis, drive=drive)))
+    out = tmp_path / "out"
+    barn.run(
+        worlds="0", planners="gap", robot=path, out=out, engine="inline", progress=False
+    )
+    row = json.loads(unseal_line((out / "results.jsonl").read_text(), "row"))
+    assert (row["outcome"], row["fault"]) == ("robot_tipped", "environment")
+    assert row["detail"].startswith("robot pole tipped over: lower its centre_of_mas")
+    assert barn.results.check(out).problems == []

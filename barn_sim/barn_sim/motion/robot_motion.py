@@ -151,6 +151,11 @@ class RobotMotion:
         """Whether no cylinder has moved, and the world has no walls or movers."""
         return self.obstacles.undisturbed and self.movers is None
 
+    def tilt_rad(self) -> float:
+        """Return the angle between the robot's vertical axis and that of the world."""
+        x, y, _, _ = self.drive.fleet.robots["attitude"][self._index].tolist()
+        return 2.0 * math.asin(min(1.0, math.hypot(x, y)))
+
     def place(self) -> tuple[Pose2D, Velocity2D]:
         """Return true pose (map frame), speed and yaw rate of base_link now."""
         if self._placement is None or self._placement[0] != self.stamp_ns:

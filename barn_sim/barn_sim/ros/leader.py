@@ -11,7 +11,8 @@ DDS, and {"heard": null} that it need not hear anything before the next reset; n
 has an answer. {"planner": PID} names the process, with its descendants, that the
 planner runs in. {"answered": STAMP, "processor_ns": N} follows where a planner with a
 rate of its own has answered the readings of that stamp, for which these processes have
-computed so long; N is null if they are not known.
+computed so long; N is null if they are not known. {"tipped": TEXT} says that the robot
+has tipped over.
 Requests of others to the node are refused and reported as {"interference": TEXT}. What
 the evaluator sets is no parameter of ROS: anybody could read there which world it is.
 """
@@ -89,6 +90,10 @@ class Leader:
         """Report a stranger's request to the evaluator; return the refusal's text."""
         self._line.send(interference=deed)
         return "this simulator is led by an evaluator"
+
+    def report_tip(self, text: str) -> None:
+        """Tell the evaluator that the robot has tipped over."""
+        self._line.send(tipped=text)
 
     def begin_reading(self) -> None:
         """Begin to measure what the planner computes for a reading."""

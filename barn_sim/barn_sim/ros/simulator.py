@@ -31,7 +31,7 @@ from barn_sim.ros.rhythm import Rhythm
 from barn_sim.ros.topics import CommandInput, Outputs, diagnosis
 from barn_sim.ros.trial import SimulatedTrial, begin_trial
 from barn_sim.simulator import warm_up
-from barn_worlds.base.errors import BarnError
+from barn_worlds.base.errors import BarnError, TippedError
 from barn_worlds.base.types import (
     NANOSECONDS_PER_SECOND,
     Velocity2D,
@@ -136,10 +136,17 @@ class SimulatorNode(Node):
     def run(self) -> None:
         """Simulate and publish in this thread until `stopping` is set."""
         while not self.stopping:
-            if self._config.lockstep:
-                self._advance_in_lockstep()
-            else:
-                self._advance_freely()
+            try:
+                if self._config.lockstep:
+                    self._advance_in_lockstep()
+                else:
+                    self._advance_freely()
+            except TippedError as error:
+                if self._leader is None:
+                    raise
+                # The evaluator ends the trial and begins the next one.
+                self._paused = True
+                self._leader.report_tip(str(error))
 
     def _advance_in_lockstep(self) -> None:
         """Publish an instant, wait for a command if one is due, advance one period.

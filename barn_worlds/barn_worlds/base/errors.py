@@ -102,6 +102,10 @@ class StoreError(BarnError):
     """A result or table that cannot be written; what is on disk stays whole."""
 
 
+class TippedError(BarnError):
+    """The simulated robot has tipped over."""
+
+
 class BagError(BarnError):
     """A recording that cannot be read or written."""
 
