@@ -43,7 +43,7 @@ from barn_sim.contact.scene import ScenePool
 from barn_sim.simulator import Simulator
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.compute import NO_COMPUTE
-from barn_worlds.base.errors import BarnError, ConfigError
+from barn_worlds.base.errors import BarnError, ConfigError, TippedError
 from barn_worlds.base.types import (
     NANOSECONDS_PER_SECOND,
     Odometry,
@@ -66,6 +66,8 @@ class Readings(NamedTuple):
     odometry: Floats  # (n, 3) measured poses in the odom frame
     # Whether each command was the only one that answered its scan, and in time.
     is_exact: bool = True
+    # Whether the robot tipped over after the last one.
+    is_tipped: bool = False
 
 
 @dataclass(frozen=True)
@@ -163,11 +165,13 @@ def drive_again(spec: TrialSpec, commands: Floats) -> Readings:
 
     Raises:
         ConfigError: There is a command for which the planner was not asked.
+        TippedError: The robot tips over before the last command.
     """
     config = spec.simulator
     cycles = PlannerCycles(spec)
     log = TrajectoryLog()
     odometry = []
+    is_tipped = False
     start = spec.course.start
     with closing(
         Simulator(spec.world, config, start, spec.simulator_seed, _scenes)
@@ -188,9 +192,14 @@ def drive_again(spec: TrialSpec, commands: Floats) -> Readings:
                 command = Velocity2D(linear, angular)
                 log.command(command)
                 simulator.command(command, delay_ns or 0)
-            simulator.advance(config.ticks(config.control_period_s))
+            try:
+                simulator.advance(config.ticks(config.control_period_s))
+            except TippedError:
+                if len(odometry) < len(commands):
+                    raise
+                is_tipped = True
 
-    return Readings(log.trajectory(), _pose_table(odometry))
+    return Readings(log.trajectory(), _pose_table(odometry), is_tipped=is_tipped)
 
 
 def drive_by_planner(spec: TrialSpec, row: TrialResult) -> str:
@@ -277,6 +286,7 @@ def check_trial(evidence: TrialEvidence) -> TrialCheck:
         unchecked = _why_not_driven(row, recorded, commands)
         if commands is not None and evidence.drive and not unchecked:
             simulated = drive_again(spec, commands)
+            differences += _compare_tip(row, simulated)
         if recorded is not None and simulated is not None:
             problems += _compare_commands(recorded, simulated)
             differences += _compare_readings(recorded, simulated)
@@ -359,6 +369,12 @@ def _why_not_driven(
             " them"
         )
     return ""
+
+
+def _compare_tip(row: TrialResult, simulated: Readings) -> Iterator[str]:
+    """Yield a text if a robot tipped over by its row, but not when simulated."""
+    if row.outcome is Outcome.ROBOT_TIPPED and not simulated.is_tipped:
+        yield "its commands, driven again, do not tip the robot over"
 
 
 def _compare_commands(recorded: Readings, simulated: Readings) -> Iterator[str]:
