@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy import special
+import scipy
 
 from barn_eval.analysis.significance import ALPHA, FLIPS, sign_patterns
 from barn_eval.analysis.statistics import TrialValues, difference
@@ -123,7 +123,9 @@ def decide(
 
 def _error_to_spend(share: float) -> float:
     """Return the error allowed by the time that a share (0 to 1) of worlds is done."""
-    return 2.0 * float(special.ndtr(special.ndtri(ALPHA / 2.0) / math.sqrt(share)))
+    return 2.0 * float(
+        scipy.special.ndtr(scipy.special.ndtri(ALPHA / 2.0) / math.sqrt(share))
+    )
 
 
 def _conditional_power(sums: Floats, share: float) -> float:
@@ -136,5 +138,5 @@ def _conditional_power(sums: Floats, share: float) -> float:
     size = math.sqrt(float(sums @ sums))
     z = abs(float(sums.sum())) / size if size > 0.0 else 0.0
     # By the trend so far, as B-values have it (Lan and Wittes 1988).
-    expected = z / math.sqrt(share) + special.ndtri(ALPHA / 2.0)
-    return float(special.ndtr(expected / math.sqrt(1.0 - share)))
+    expected = z / math.sqrt(share) + scipy.special.ndtri(ALPHA / 2.0)
+    return float(scipy.special.ndtr(expected / math.sqrt(1.0 - share)))

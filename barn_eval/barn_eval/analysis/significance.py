@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy import special
+import scipy
 
 from barn_metrics.bootstrap import LEVEL, Interval, number
 from barn_worlds.base.arrays import Floats, Integers
@@ -96,7 +96,7 @@ def t_quantile(p: float, freedom: int) -> float:
         p: Probability below the quantile.
         freedom: Degrees of freedom.
     """
-    return float(special.stdtrit(freedom, p))
+    return float(scipy.special.stdtrit(freedom, p))
 
 
 @dataclass(frozen=True)
@@ -137,10 +137,12 @@ class Share:
         low = 0.0
         if self.share > 0.0:
             # The beta quantiles also take numbers of trials that are not whole.
-            low = special.betaincinv(successes, failures + 1.0, ALPHA / 2.0)
+            low = scipy.special.betaincinv(successes, failures + 1.0, ALPHA / 2.0)
         high = 1.0
         if self.share < 1.0:
-            high = special.betaincinv(successes + 1.0, failures, 1.0 - ALPHA / 2.0)
+            high = scipy.special.betaincinv(
+                successes + 1.0, failures, 1.0 - ALPHA / 2.0
+            )
         return float(low), float(high)
 
     def p_above(self, share: float) -> float:
@@ -152,7 +154,9 @@ class Share:
             return 0.0
         successes = self.share * self.effective
         failures = self.effective - successes
-        return min(1.0, 2.0 * float(special.betaincc(successes + 1.0, failures, share)))
+        return min(
+            1.0, 2.0 * float(scipy.special.betaincc(successes + 1.0, failures, share))
+        )
 
 
 def share_of(values: Floats | Integers, worlds: Integers) -> Share:

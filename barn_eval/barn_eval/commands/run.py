@@ -2,7 +2,7 @@
 
 import shlex
 from collections.abc import Sequence
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +43,6 @@ from barn_eval.commands.options import (
     verbose_option,
 )
 from barn_eval.commands.tables import FittedTable, rich_table, table
-from barn_eval.commands.watch import serve_view
 from barn_eval.ros.isolation import ros_problem
 from barn_eval.ros.work import run_request
 from barn_eval.running.dry_run import DryRun, estimate_run
@@ -247,7 +246,12 @@ def execute(
         show_all: Print trials, all measures and all pairs of planners as well.
     """
     # The viewer starts before the run, so it shows the first trial.
-    viewer = serve_view(request.out, request.config.bags) if view else nullcontext()
+    viewer: AbstractContextManager[None] = nullcontext()
+    if view:
+        # Imports what reads bags, which help and most runs do not need.
+        from barn_eval.commands.watch import serve_view  # noqa: PLC0415
+
+        viewer = serve_view(request.out, request.config.bags)
     try:
         with viewer:
             results = run_request(request, reporter, overwrite=overwrite)
