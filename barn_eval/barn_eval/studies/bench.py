@@ -1,13 +1,14 @@
 """Speed of the suite on this machine, mostly as ratios that can be followed over time.
 
-Measurements come in rounds, one after the other, so whatever else the machine does
-meanwhile is spread over all figures. A figure is the best of its rounds; their range
-tells how exact it is.
+Processor time counts, of one process, so other work on the machine changes little; but
+for trials over ROS, which take wall-clock time. Measurements come in rounds, one after
+the other. A figure is the best of its rounds; their range tells how exact it is.
 """
 
 from __future__ import annotations
 
 import math
+import time
 import timeit
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
@@ -24,6 +25,7 @@ from barn_eval.results.bags.recorder import Recorder
 from barn_eval.results.store import BagStore
 from barn_eval.ros.isolation import ros_problem
 from barn_eval.running.direct import run_direct_trial
+from barn_eval.trials.result import WallClock
 from barn_eval.trials.run_config import PlannerChoice, RunConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_planners.policy.space import PolicyObservation
@@ -204,18 +206,27 @@ def _measure_direct(spec: TrialSpec) -> Iterator[Measurement]:
     """Measure trials without and with a bag, and cycles of the planner without one."""
     planner = spec.planner
     # The first trial compiles and loads what the second has.
-    clocks = [run_direct_trial(spec).result.wall_clock for _ in range(2)]
-    factor = max(clock.real_time_factor or 0.0 for clock in clocks)
+    trials = [_run_direct(spec) for _ in range(2)]
+    factor = max(factor for _, factor in trials)
     yield Measurement(f"direct trial, {planner}", factor, _REAL_TIME)
 
     with TemporaryDirectory() as folder, Recorder(Path(folder) / "bag") as recorder:
-        clock = run_direct_trial(spec, recorder).result.wall_clock
-    factor = clock.real_time_factor or 0.0
+        _, factor = _run_direct(spec, recorder)
     yield Measurement(f"direct trial with bag, {planner}", factor, _REAL_TIME)
 
     for name in ("p50", "p95"):
-        value = min(getattr(clock, f"compute_{name}_ms") for clock in clocks)
+        value = min(getattr(clock, f"compute_{name}_ms") for clock, _ in trials)
         yield Measurement(f"planner cycle {name}, {planner}", value, "ms", "lower")
+
+
+def _run_direct(
+    spec: TrialSpec, recorder: Recorder | None = None
+) -> tuple[WallClock, float]:
+    """Return a trial's times, and simulated seconds per second of the processor."""
+    start_s = time.process_time()
+    result = run_direct_trial(spec, recorder).result
+    processor_s = time.process_time() - start_s
+    return result.wall_clock, result.scores.duration_s / processor_s
 
 
 def _measure_simulator(spec: TrialSpec) -> Iterator[Measurement]:
@@ -224,8 +235,8 @@ def _measure_simulator(spec: TrialSpec) -> Iterator[Measurement]:
         obstacles = replace(spec.simulator.obstacles, movable=movable)
         config = replace(spec.simulator, obstacles=obstacles)
         with closing(Simulator(spec.world, config, spec.course.start, 0)) as simulator:
-            wall_s = _time(lambda: _drive_in_circle(simulator))
-        factor = _SIMULATOR_CYCLES * config.control_period_s / wall_s
+            processor_s = _time(lambda: _drive_in_circle(simulator))
+        factor = _SIMULATOR_CYCLES * config.control_period_s / processor_s
         yield Measurement(f"simulator alone, {name} obstacles", factor, _REAL_TIME)
 
 
@@ -249,8 +260,8 @@ def _measure_environments(dataset: str) -> Iterator[Measurement]:
             observation=PolicyObservation(beams=beams),
         )
         with closing(JackalEnv(config)) as environment:
-            wall_s = _time(lambda: _act(environment, actions[:, 0]))
-        rate = _ENVIRONMENT_STEPS / wall_s
+            processor_s = _time(lambda: _act(environment, actions[:, 0]))
+        rate = _ENVIRONMENT_STEPS / processor_s
         yield Measurement(f"environment steps, {beams} beams", rate, "per second")
 
         with closing(JackalVectorEnv(_BATCH, config)) as environments:
@@ -258,10 +269,10 @@ def _measure_environments(dataset: str) -> Iterator[Measurement]:
             # Until most worlds are loaded and enough physics clients have started.
             for action in actions[:_BATCH_WARM_UP_STEPS]:
                 environments.step(action)
-            wall_s = _time(
+            processor_s = _time(
                 lambda: [environments.step(action) for action in actions[:_BATCH_STEPS]]
             )
-        rate = _BATCH_STEPS * _BATCH / wall_s
+        rate = _BATCH_STEPS * _BATCH / processor_s
         name = f"environment steps, batch of {_BATCH}, {beams} beams"
         yield Measurement(name, rate, "per second")
 
@@ -290,6 +301,6 @@ def _measure_ros(run: RunConfig) -> Measurement:
 
 
 def _time(work: Callable[[], object]) -> float:
-    """Return the wall-clock time of work in seconds, after one run to warm up."""
+    """Return the processor time of work in seconds, after one run to warm up."""
     work()
-    return timeit.timeit(work, number=1)
+    return timeit.timeit(work, time.process_time, number=1)
