@@ -98,7 +98,7 @@ class DwaController(Controller):
         start = self._cycle[1].start
         costs = self._table[:, kernels.COST]
         costs = np.where(costs < 0.0, math.inf, costs)
-        shown = choose_candidates(len(costs), costs)
+        shown = choose_candidates(costs)
         lines = kernels.traces(start, self._table[shown], self._motion, _DISPLAY_POSES)
         local_plan = None
         if self._command is not None:

@@ -49,17 +49,16 @@ class CandidateLines(NamedTuple):
     colors: FloatArray  # (k, 4) red, green, blue, opacity from 0 to 1
 
 
-def choose_candidates(count: int, costs: FloatArray | None) -> Integers:
+def choose_candidates(costs: FloatArray) -> Integers:
     """Return the indices of at most `MAX_CANDIDATES`, evenly spread.
 
     The cheapest one is always among them.
 
     Args:
-        count: Number of candidates.
-        costs: Costs (count,), as in `PlannerView`.
+        costs: Costs (k,), as in `PlannerView`.
     """
-    indices: Integers = _spread_indices(count, MAX_CANDIDATES).copy()
-    if costs is not None and np.isfinite(costs).any():
+    indices: Integers = _spread_indices(len(costs), MAX_CANDIDATES).copy()
+    if np.isfinite(costs).any():
         cheapest = int(np.nanargmin(costs))
         # In place of its neighbor in the selection, so that the number stays.
         indices[np.argmin(np.abs(indices - cheapest))] = cheapest
@@ -78,14 +77,12 @@ def select_candidates(
         costs: Costs (k,), +inf if rejected. Unknown ones, which are NaN, or None for
             all, get the costliest color.
     """
-    indices = choose_candidates(len(candidates), costs)
-    colors = np.tile(COSTLIEST_COLOR, (len(indices), 1))
-    if costs is not None:
-        colors = _colors(costs[indices])
-
+    if costs is None:
+        costs = np.full(len(candidates), math.nan)
+    indices = choose_candidates(costs)
     point_indices = _spread_indices(candidates.shape[1], MAX_POINTS)
-    points = np.asarray(candidates[indices][:, point_indices], np.float64)
-    return CandidateLines(points, colors)
+    points = candidates[indices][:, point_indices]
+    return CandidateLines(points, _colors(costs[indices]))
 
 
 def _colors(costs: FloatArray) -> FloatArray:

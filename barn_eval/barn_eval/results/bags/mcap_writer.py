@@ -217,8 +217,7 @@ class McapWriter:
         )
         self._chunk.clear()
         self.chunk_bytes = 0
-        for part in (head, compressed, indexes):
-            self._stream.write(part)
+        self._stream.write(head + compressed + indexes)
         self._stream.flush()
 
     def add_metadata(self, name: str, texts: Mapping[str, str]) -> None:
