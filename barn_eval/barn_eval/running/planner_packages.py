@@ -80,9 +80,12 @@ class Executable:
     @property
     def packages(self) -> list[Path]:
         """Folders of its package and of those beside it, which it may import."""
-        folder = self.folder.resolve()
-        neighbors = sorted(folder.parent.glob(f"*/{_MANIFEST}"))
-        return list(dict.fromkeys([folder, *(path.parent for path in neighbors)]))
+        packages = []
+        for folder in (self.folder, *(node.folder for node, _ in self.launched)):
+            packages.append(folder.resolve())
+            neighbors = sorted(folder.resolve().parent.glob(f"*/{_MANIFEST}"))
+            packages += [path.parent for path in neighbors]
+        return list(dict.fromkeys(packages))
 
     @property
     def import_path(self) -> list[Path]:
@@ -141,7 +144,14 @@ def find_packaged(words: Sequence[str]) -> Executable | None:
     """
     if not words[0].startswith(PREFIX):
         return None
-    return find_executable(words[0].removeprefix(PREFIX))
+    executable = find_executable(words[0].removeprefix(PREFIX))
+    if executable.launched and ":=" in "".join(words[1:2]):
+        raise ConfigError(
+            f"planner package {words[0].removeprefix(PREFIX)!r}: arguments of launch"
+            f" files are not read, got {words[1]!r}; parameters of its nodes follow"
+            " --ros-args -p"
+        )
+    return executable
 
 
 def find_executable(text: str) -> Executable:

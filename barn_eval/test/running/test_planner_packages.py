@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from barn_eval.running import start_nodes
-from barn_eval.running.planner_packages import find_executable
+from barn_eval.running.planner_packages import find_executable, find_packaged
 from barn_eval.running.planner_sources import explain_end, read_source
 from barn_worlds.base.errors import ConfigError
 
@@ -144,6 +144,9 @@ def test_a_launch_file_starts_its_nodes_that_are_in_the_workspace(workspace, tmp
     assert executable == find_executable(str(folder / "launch" / "far.launch.py"))
     arguments = [" ".join(arguments) for _, arguments in executable.launched]
     assert sorted(arguments) == [ARGUMENTS.format(folder), "--ros-args --"]
+
+    with pytest.raises(ConfigError, match=r"are not read, got 'rviz:=false'; .* -p"):
+        find_packaged([f"package:{workspace}:far.launch.py", "rviz:=false"])
 
     variables = executable.make_prefix(tmp_path / "prefix", {})
     output = subprocess.check_output([*executable.command, "-x"], env=variables)
