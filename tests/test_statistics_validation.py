@@ -30,12 +30,14 @@ def some(name, *settings):
 # A check, its setting, and how many simulations it takes.
 TARGETS = """
 share         | 50 3 0.3 0.9 | 300
+high share    | 300 5 0.7 0.995 | 200
 mean          | 10 1 3.0     | 100
 mean          | 20 5 0.5     | 100
 skewed        | 10           | 200
 filtered      | 50 3 50.0    | 100
 success       | 10 5 3.0 10.0 | 100
 unlike        | 50 5 2.0     | 50
+slow          | 300 1 2.0 3.0 | 50
 test          | 20           | 100
 equal         | 50           | 30
 board         | 20           | 3

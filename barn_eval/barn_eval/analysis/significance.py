@@ -205,7 +205,8 @@ def proportion(successes: Integers, worlds: Integers) -> Interval:
     interval = Interval(p, max(0.0, middle - half), min(1.0, middle + half))
     # Near 1 Wilson's covers less than it says, Clopper and Pearson's never.
     if p > _HIGH_SHARE:
-        return interval.widen_to(*Share(p, effective).limits)
+        low, high = share_of(1 - successes, worlds).limits
+        return interval.widen_to(1.0 - high, 1.0 - low)
     return interval
 
 

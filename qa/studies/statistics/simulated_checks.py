@@ -17,6 +17,7 @@ from simulated_trials import (
     draw_pair,
     draw_planner,
     draw_scores,
+    draw_slow_pair,
     draw_trials,
 )
 
@@ -90,6 +91,20 @@ def _share_covers(
     return _covers(proportion(events, world), truth)
 
 
+def _high_share_covers(
+    worlds: int,
+    repetitions: int,
+    correlation: float,
+    truth: float,
+    generator: np.random.Generator,
+) -> bool:
+    # Failures are drawn, so that worlds differ in what is rare.
+    world = np.repeat(np.arange(worlds), repetitions)
+    chances = draw_failure_chances(1.0 - truth, correlation, worlds, generator)[world]
+    events = (generator.random(len(world)) >= chances).astype(np.int64)
+    return _covers(proportion(events, world), truth)
+
+
 def _mean_covers(
     worlds: int, repetitions: int, percent: float, generator: np.random.Generator
 ) -> bool:
@@ -141,6 +156,16 @@ def _unlike_planners_differ(
     worlds: int, repetitions: int, percent: float, generator: np.random.Generator
 ) -> bool:
     return _is_clear(draw_pair(worlds, repetitions, (0.0, percent), 1.0, generator))
+
+
+def _slow_planner_differs(
+    worlds: int,
+    repetitions: int,
+    percent: float,
+    factor: float,
+    generator: np.random.Generator,
+) -> bool:
+    return _is_clear(draw_slow_pair(worlds, repetitions, percent, factor, generator))
 
 
 def _test_of_signs_differs(worlds: int, generator: np.random.Generator) -> bool:
@@ -226,6 +251,18 @@ GROUPS = {
             for size, *setting in product(((50, 3), (300, 5)), (0.3, 0.7), (0.9, 0.7))
         ],
     ),
+    "high share": CheckGroup(
+        _COVERS.format("share of at least 0.98"),
+        _COVERAGE_AT_LEAST,
+        "{0} worlds x {1}, share {3:g}, correlation in a world {2:g}",
+        _high_share_covers,
+        [
+            (*size, *setting)
+            for size, *setting in product(
+                ((50, 3), (300, 5)), (0.3, 0.7), (0.98, 0.99, 0.995)
+            )
+        ],
+    ),
     "mean": CheckGroup(
         _COVERS.format("mean that counts failures"),
         _COVERAGE_AT_LEAST,
@@ -260,6 +297,13 @@ GROUPS = {
         _WITH_FAILURES,
         _unlike_planners_differ,
         [(*size, percent) for size, percent in product(_SIZES, (2.0, 5.0))],
+    ),
+    "slow": CheckGroup(
+        "two planners of equal mean differ clearly, one steady, one at times slow",
+        _FALSE_ALARMS,
+        "{0} worlds x {1}, {2:g} % of times {3:g} times as long",
+        _slow_planner_differs,
+        [(50, 1, 2.0, 4.0), (300, 1, 0.5, 5.0), (300, 1, 2.0, 3.0), (300, 3, 1.0, 4.0)],
     ),
     "test": CheckGroup(
         "two equal planners differ by the test of signs alone",

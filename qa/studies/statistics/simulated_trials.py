@@ -5,6 +5,7 @@ Times resemble DWA's under the paper's protocol, scores the challenge's at 0.5 m
 """
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -194,3 +195,44 @@ def draw_pair(
     first = draw_scores(failure_percents[0], 1.0, effects, repetitions, generator)
     second = draw_scores(failure_percents[1], scale, effects, repetitions, generator)
     return first, second
+
+
+def draw_slow_pair(
+    worlds: int,
+    repetitions: int,
+    slow_percent: float,
+    factor: float,
+    generator: np.random.Generator,
+) -> list[TrialValues]:
+    """Draw times per meter of two planners of equal mean that never fail.
+
+    Args:
+        worlds: Number of worlds.
+        repetitions: Trials in each world.
+        slow_percent: Share of slow trials of the second planner [%].
+        factor: How many times as long these take.
+        generator: Source of randomness.
+
+    Returns:
+        Trials of both planners.
+    """
+    log_means = np.log(TIME_S_PER_M) + generator.normal(0.0, TIME_WORLD_SPREAD, worlds)
+
+    def draw_times(world: Integers, share: float) -> Floats:
+        deviations = generator.normal(0.0, TIME_TRIAL_SPREAD, len(world))
+        is_slow = generator.random(len(world)) < share
+        mean_factor = 1.0 + share * (factor - 1.0)
+        factors = np.where(is_slow, factor, 1.0) / mean_factor
+        times_s_per_m: Floats = np.exp(log_means[world] + deviations) * factors
+        return times_s_per_m
+
+    return [
+        draw_trials(
+            repetitions,
+            np.zeros(worlds),
+            partial(draw_times, share=share),
+            generator,
+            FAILURE_S_PER_M,
+        )
+        for share in (0.0, slow_percent / 100.0)
+    ]
