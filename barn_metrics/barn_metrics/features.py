@@ -10,7 +10,7 @@ from numba import njit
 from scipy import ndimage
 
 from barn_metrics.metrics import closest_obstacle, tortuosity
-from barn_worlds.base.arrays import BoolGrid, Bools, Cells, Floats
+from barn_worlds.base.arrays import BoolGrid, Bools, Cells, Floats, side_lengths
 from barn_worlds.worlds.cells import hollow_cells
 from barn_worlds.worlds.world import World
 
@@ -26,7 +26,7 @@ def world_features(world: World) -> dict[str, float]:
     Its grid, path and size of cells count; cells that the path repeats count once.
     """
     path = without_repeats(world.path)
-    lengths = step_lengths(path, world.resolution_m)
+    lengths = side_lengths(path) * world.resolution_m
     length_m = float(lengths.sum())
     clearance = path_clearance(world.grid, path, world.resolution_m)
     is_narrow = clearance < NARROW_CLEARANCE_M
@@ -73,18 +73,6 @@ def without_repeats(path: Cells) -> Cells:
     is_step = (np.diff(path, axis=0) != 0).any(axis=1)
     distinct: Cells = path[np.append(True, is_step)]
     return distinct
-
-
-def step_lengths(path: Cells, resolution_m: float) -> Floats:
-    """Return the length (n - 1,) in m of each step from cell to cell of a path.
-
-    Args:
-        path: Cells (n, 2).
-        resolution_m: Size of a cell.
-    """
-    steps = np.diff(path, axis=0)
-    lengths: Floats = np.hypot(*steps.T) * resolution_m
-    return lengths
 
 
 def path_clearance(grid: BoolGrid, path: Cells, resolution_m: float) -> Floats:

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from barn_metrics import kernels
-from barn_worlds.base.arrays import BoolGrid, Cells, Floats
+from barn_worlds.base.arrays import BoolGrid, Cells, Floats, side_lengths
 from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.errors import ConfigError, WorldError, suggest
 from barn_worlds.worlds.world import World
@@ -172,8 +172,7 @@ def tortuosity(path: Cells) -> float:
 
     It is 1 if the path stays in one cell, and inf if it returns to its start.
     """
-    steps = np.diff(path, axis=0)
-    arc = float(np.hypot(*steps.T).sum())
+    arc = float(side_lengths(path).sum())
     row_chord, column_chord = (path[-1] - path[0]).tolist()
     chord = math.hypot(row_chord, column_chord)
     if chord == 0.0:

@@ -15,11 +15,11 @@ from barn_metrics.features import (
     heading_changes,
     path_clearance,
     sharpest_turn,
-    step_lengths,
     widest_gap_m,
     without_repeats,
     world_features,
 )
+from barn_worlds.base.arrays import side_lengths
 from barn_worlds.worlds.world import World
 
 RESOLUTION = 0.15
@@ -63,7 +63,7 @@ def test_the_original_worlds_let_a_robot_of_five_cells_through(originals):
 @given(path=paths, window=st.floats(0.0, 2.0))
 @settings(max_examples=100, deadline=None)
 def test_sharpest_turn_equals_the_reference(path, window):
-    lengths = step_lengths(path, RESOLUTION)
+    lengths = RESOLUTION * side_lengths(path)
     turning = heading_changes(path)
     at = np.cumsum(lengths)[:-1]
     expected = 0.0

@@ -6,12 +6,16 @@ from typing import Any
 from barn_sim.body.model import fixed_frames, joint_names, robot_description
 from barn_sim.config import LocalizationConfig, SimulatorConfig
 from barn_sim.sensors.readings import Joints, Sensors
-from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Odometry, Pose2D, Scan
+from barn_worlds.base.types import (
+    NANOSECONDS_PER_SECOND,
+    ORIGIN,
+    Odometry,
+    Pose2D,
+    Scan,
+)
 from barn_worlds.messages import encode, topics
 from barn_worlds.messages.cdr import Layout
 from barn_worlds.messages.topics import FRAMES, Frames, OutgoingMessage, Topic
-
-ORIGIN = Pose2D(0.0, 0.0, 0.0)
 
 
 class SimulatorMessages:

@@ -17,7 +17,15 @@ from barn_sim.sensors.particles import ParticleLocalization
 from barn_sim.sensors.readings import Joints, Sensors
 from barn_worlds.base.arrays import Singles
 from barn_worlds.base.errors import TippedError
-from barn_worlds.base.types import STOP, Odometry, Pose2D, Scan, Velocity2D, nanoseconds
+from barn_worlds.base.types import (
+    ORIGIN,
+    STOP,
+    Odometry,
+    Pose2D,
+    Scan,
+    Velocity2D,
+    nanoseconds,
+)
 from barn_worlds.worlds.world import World
 
 _LARGEST_TILT_RAD = math.radians(60.0)
@@ -293,4 +301,4 @@ def warm_up() -> None:
     # No cylinder above may have tilted.
     tilted = np.array([[2.0, 0.0, 0.0, 0.6, 0.0, 0.8, 0.5]])
     lidar = Lidar(config.lidar, np.random.default_rng(0))
-    lidar.scan(0, Pose2D(0.0, 0.0, 0.0), np.ones((1, 2)), 0.1, tilted)
+    lidar.scan(0, ORIGIN, np.ones((1, 2)), 0.1, tilted)

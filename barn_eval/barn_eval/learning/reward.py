@@ -18,7 +18,7 @@ from barn_eval.learning.config import STRAIGHT, RewardConfig
 from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.protocol import Course
 from barn_planners.policy.space import Vector
-from barn_worlds.base.arrays import Floats, Integers
+from barn_worlds.base.arrays import Floats, Integers, side_lengths
 from barn_worlds.base.kernel import kernel
 from barn_worlds.datasets.dataset import MAX_CACHED_WORLDS
 from barn_worlds.worlds.world import World
@@ -51,7 +51,7 @@ def path_points(world: World, course: Course, along: str) -> Floats:
     points = np.array([[course.goal.x, course.goal.y]])
     if along != STRAIGHT:
         points = np.vstack([world.path_m(), points])
-    sides = np.hypot(*np.diff(points, axis=0).T)
+    sides = side_lengths(points)
     # From each point to the goal, so the sum begins at the end.
     lengths = np.append(np.cumsum(sides[::-1])[::-1], 0.0)
     return np.column_stack([points, lengths])

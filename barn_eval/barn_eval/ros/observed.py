@@ -24,7 +24,7 @@ from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.system import OPERATOR
 from barn_eval.trials.system_file import SystemFile
 from barn_worlds.base.errors import BarnError, ConfigError
-from barn_worlds.base.types import Odometry, Pose2D, seconds
+from barn_worlds.base.types import ORIGIN, Odometry, Pose2D, seconds
 from barn_worlds.messages import decode
 
 _FARTHEST_START_M = 0.5
@@ -67,7 +67,7 @@ class ObservedSystem:
         self._calls: set[str] = set()
         # The pose of the trial's start in the frame of the system's poses.
         self.origin: Pose2D | None = None
-        self._start = Pose2D(0.0, 0.0, 0.0)
+        self._start = ORIGIN
         for name in _KEYS.values():
             loop.node.create_service(Trigger, f"~/{name}", self._answer(name))
         if sys.stdin.isatty():

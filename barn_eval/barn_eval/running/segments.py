@@ -13,11 +13,12 @@ from barn_eval.trials.result import format_trial_id
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.system import ObservedTrial
 from barn_eval.trials.trial import FinishedTrial, RunningTrial, finish_trial
-from barn_worlds.base.arrays import Floats
+from barn_worlds.base.arrays import Floats, side_lengths
 from barn_worlds.base.errors import BagError
 from barn_worlds.base.text_files import as_mapping
 from barn_worlds.base.types import (
     NANOSECONDS_PER_SECOND,
+    ORIGIN,
     Odometry,
     Pose2D,
     Velocity2D,
@@ -26,7 +27,6 @@ from barn_worlds.base.types import (
 
 UNKNOWN_PLANNER = "unknown"
 
-_ORIGIN = Pose2D(0.0, 0.0, 0.0)
 _FARTHEST_START_M = 1.0  # from the world's start, in the world's frame
 _FARTHEST_GOAL_M = 0.1  # from the world's goal, before it is said
 # Scans of fewer degrees see too little of what is near the robot.
@@ -126,7 +126,7 @@ def _place_poses(segment: Segment, spec: TrialSpec) -> tuple[Pose2D, list[str]]:
         BagError: The poses are not those of the world.
     """
     if not segment.is_known:
-        return _ORIGIN, []
+        return ORIGIN, []
     drive = segment.drive
     course = spec.course
     checksum = as_mapping(drive.trial.get("world")).get("checksum", spec.world.checksum)
@@ -135,7 +135,7 @@ def _place_poses(segment: Segment, spec: TrialSpec) -> tuple[Pose2D, list[str]]:
             f"{drive.path}: was not recorded in world {segment.world} of"
             f" {segment.dataset}; name its data set by --dataset"
         )
-    origin = _ORIGIN
+    origin = ORIGIN
     away_m = segment.start.distance(course.start)
     if spec.system.frame == "odom":
         origin = course.start @ segment.start.inverse()
@@ -198,7 +198,7 @@ def _take_readings(segment: Segment, origin: Pose2D) -> tuple[dict[int, Odometry
             back_ns = max(back_ns, last.stamp_ns - stamp_ns)
             continue
         pose = odometry.pose
-        if origin != _ORIGIN:
+        if origin != ORIGIN:
             pose = origin @ pose
         velocity = odometry.velocity
         if not velocity.is_finite():
@@ -238,7 +238,7 @@ def _list_doubts(
 
     positions = np.array([(reading.pose.x, reading.pose.y) for reading in readings])
     speeds = np.array([reading.velocity.linear for reading in readings])
-    driven_m = float(np.hypot(*np.diff(positions, axis=0).T).sum())
+    driven_m = float(side_lengths(positions).sum())
     twist_m = float(np.abs(speeds[1:]) @ periods_s)
     if driven_m > _SHORTEST_M and abs(twist_m - driven_m) > _TWIST_TOLERANCE * driven_m:
         doubts.append(

@@ -47,7 +47,6 @@ class Setting:
     def write_parameter_files(self) -> None:
         """Write the planner's ROS parameter files; call before the run starts."""
         for path, content in self.parameter_files.items():
-            path.parent.mkdir(parents=True, exist_ok=True)
             write_bytes(path, content)
 
 

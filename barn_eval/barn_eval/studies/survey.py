@@ -14,7 +14,7 @@ from scipy.sparse import csr_matrix
 from scipy.spatial import KDTree
 
 from barn_eval.results.bags.recorded import MAP, RecordedTrial
-from barn_worlds.base.arrays import Floats, Integers, Points
+from barn_worlds.base.arrays import Floats, Integers, Points, unit_vectors
 from barn_worlds.base.errors import BagError
 from barn_worlds.base.types import Pose2D, Scan
 from barn_worlds.worlds.world import World
@@ -194,7 +194,7 @@ def _match(
     """
     scans = returns[:, 0].astype(int)
     angles = poses[scans, 2] + returns[:, 1]
-    rays = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    rays = unit_vectors(angles)
     offsets_m = rays * returns[:, 2:]
     points_m = offsets_m + poses[scans, :2]
     distances_m, nearest = KDTree(centers_m).query(points_m, k=2)

@@ -8,7 +8,7 @@ import numpy as np
 
 from barn_eval.trials.protocol import Protocol
 from barn_eval.trials.trajectory import Trajectory, compute_clearances
-from barn_worlds.base.arrays import Floats
+from barn_worlds.base.arrays import Floats, side_lengths
 from barn_worlds.base.types import NANOSECONDS_PER_SECOND
 from barn_worlds.geometry.bodies import moving_bodies, wall_bodies
 from barn_worlds.geometry.footprint import Footprint
@@ -102,8 +102,7 @@ def measure_encounters(
     if traversal_s is not None:
         course = protocol.course(world)
         straight_m = course.start.distance(course.goal) - protocol.goal_distance_m
-        dx, dy, _ = np.diff(trajectory.truth, axis=0).T
-        path_ratio = float(np.hypot(dx, dy).sum()) / straight_m
+        path_ratio = float(side_lengths(trajectory.truth).sum()) / straight_m
         time_ratio = traversal_s * protocol.reference_speed_mps / straight_m
     return Encounters(
         phase_s=phase_s,

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from barn_worlds.base.arrays import Points
+from barn_worlds.base.arrays import Points, side_lengths
 from barn_worlds.base.config import (
     Checked,
     optional,
@@ -317,8 +317,7 @@ class Protocol(Checked):
     ) -> Course:
         """Return the course from start along `path` (n, 2), in m, to goal."""
         points = np.vstack(([start.x, start.y], path, [goal.x, goal.y]))
-        dx, dy = np.diff(points, axis=0).T
-        reference_m = float(np.hypot(dx, dy).sum())
+        reference_m = float(side_lengths(points).sum())
         if not world.path_length_m:
             return Course(start, goal, None, start.distance(goal), None)
         optimal_s = reference_m / self.reference_speed_mps

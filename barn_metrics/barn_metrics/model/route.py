@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from scipy.ndimage import distance_transform_edt, map_coordinates, maximum_filter
 
-from barn_worlds.base.arrays import Cells, Floats
+from barn_worlds.base.arrays import Cells, Floats, side_lengths
 from barn_worlds.worlds.path_planner import trace
 from barn_worlds.worlds.world import World
 
@@ -132,7 +132,7 @@ def cheapest_route(clearance: ClearanceMap, cost_per_m: Floats) -> Route:
         cost_per_m: Cost per meter of each cell (rows, cols), at least 1.
     """
     cost, cells = _search(cost_per_m, *clearance.start, *clearance.goal)
-    steps_m = np.hypot(*np.diff(cells, axis=0).T) * clearance.cell_m
+    steps_m = side_lengths(cells) * clearance.cell_m
     places_m = np.append(0.0, np.cumsum(steps_m))
     length_m = float(places_m[-1])
 

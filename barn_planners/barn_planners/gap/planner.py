@@ -25,9 +25,10 @@ from barn_planners.navigation.observation_check import (
 from barn_planners.navigation.scan_planner import ScanPlanner, scan_points
 from barn_planners.registry import ANY_PROTOCOL, PlannerEntry
 from barn_planners.robots import fit_to_robot
+from barn_worlds.base.arrays import unit_vectors
 from barn_worlds.base.compute import Compute
 from barn_worlds.base.config import optional, quantity
-from barn_worlds.base.types import STOP, Pose2D, Velocity2D
+from barn_worlds.base.types import ORIGIN, STOP, Pose2D, Velocity2D
 
 # Free distances this much shorter than needed still count: they come from roundings.
 _ROUNDING_M = 1e-9
@@ -103,7 +104,7 @@ class GapPlanner(ScanPlanner):
             seed: Ignored.
         """
         super().start(task, seed)
-        self._pose = Pose2D(0.0, 0.0, 0.0)
+        self._pose = ORIGIN
         self._free_m = np.empty(0)
 
     def step(self, observation: Observation) -> Decision:
@@ -140,7 +141,7 @@ class GapPlanner(ScanPlanner):
         if self._task is None or not len(self._free_m):
             return PlannerView()
         directions = self._directions
-        units = np.stack([np.cos(directions), np.sin(directions)], axis=1)
+        units = unit_vectors(directions)
         ends = self._free_m[:, None] * units
         # Shown in odom, where the robot stood when it took the scan.
         starts = np.broadcast_to([self._pose.x, self._pose.y], ends.shape)

@@ -42,8 +42,9 @@ from barn_planners.navigation.loop import (
 from barn_planners.navigation.progress import ProgressCheck
 from barn_planners.registry import ANY_PROTOCOL, PlannerEntry
 from barn_planners.robots import fit_to_robot
+from barn_worlds.base.arrays import side_lengths, unit_vectors
 from barn_worlds.base.compute import Compute
-from barn_worlds.base.types import STOP, Pose2D, Velocity2D, wrap_angle
+from barn_worlds.base.types import ORIGIN, STOP, Pose2D, Velocity2D, wrap_angle
 
 # Savitzky and Golay's 9-point quadratic, which smooths the solution as Nav2 does.
 _SMOOTHING = np.array([-21.0, 14.0, 39.0, 54.0, 59.0, 54.0, 39.0, 14.0, -21.0]) / 231.0
@@ -83,7 +84,7 @@ class MppiController(Controller):
         self._progress.reset()
         self._forget_solution()
         self._is_at_goal = False
-        self._pose = Pose2D(0.0, 0.0, 0.0)
+        self._pose = ORIGIN
         self._has_samples = False
 
     def control(self, inputs: ControlInput) -> Control:
@@ -141,7 +142,7 @@ class MppiController(Controller):
 
         yaws = self._pose.yaw + config.step_s * np.cumsum(self._solution[:, 1])
         headings = np.concatenate(([self._pose.yaw], yaws[:-1]))
-        directions = np.stack([np.cos(headings), np.sin(headings)], axis=1)
+        directions = unit_vectors(headings)
         steps = config.step_s * self._solution[:, :1] * directions
         positions = np.array([self._pose.x, self._pose.y]) + np.cumsum(steps, axis=0)
         return PlannerView(
@@ -309,7 +310,7 @@ class _Path:
         self.points = kernels.resample(
             plan[nearest:], config.path_spacing_m, max_points
         )
-        sides = np.hypot(*np.diff(self.points, axis=0).T)
+        sides = side_lengths(self.points)
         self.arc = np.concatenate(([0.0], np.cumsum(sides)))
         costs = [inputs.costmap.cost_at(x, y) for x, y in self.points.tolist()]
         self.is_clear = np.array([(cost or 0) < INSCRIBED for cost in costs])

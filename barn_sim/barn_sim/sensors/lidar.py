@@ -7,7 +7,7 @@ import numpy as np
 
 from barn_sim.config import LidarConfig
 from barn_sim.sensors.ray_casting import Fan, Limits, cast_beams, cast_sweep, measure
-from barn_worlds.base.arrays import Floats, Singles
+from barn_worlds.base.arrays import Floats, Singles, unit_vectors
 from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Pose2D, Scan
 
 # Neighboring beams whose ranges differ by more than this do not hit the same object.
@@ -207,4 +207,4 @@ class Lidar:
 def _beam_directions(angle_min: float, increment: float, beams: int) -> Floats:
     """Return unit vectors (beams, 2) in the sensor frame; angles in rad."""
     angles = angle_min + increment * np.arange(beams)
-    return np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    return unit_vectors(angles)

@@ -7,7 +7,7 @@ import numpy as np
 
 from barn_sim.config import LocalizationConfig, SimulatorConfig
 from barn_sim.sensors.particles import ParticleLocalization, has_moved
-from barn_worlds.base.types import OccupancyMap, Pose2D, wrap_angle
+from barn_worlds.base.types import ORIGIN, OccupancyMap, Pose2D, wrap_angle
 from barn_worlds.worlds.cells import STANDARD_CELL_M
 from barn_worlds.worlds.world import World
 
@@ -37,7 +37,7 @@ class FilterLocalization:
         # The stationary distribution from the start: a first error of 0 would grow for
         # a while.
         self._error = self._stds * rng.standard_normal(3)
-        self._correction = Pose2D(0.0, 0.0, 0.0)
+        self._correction = ORIGIN
         self._updated_at: Pose2D | None = None
 
     def estimate(self, truth: Pose2D, odometry: Pose2D) -> Pose2D:

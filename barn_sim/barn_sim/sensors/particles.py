@@ -18,9 +18,16 @@ from functools import cache
 import numpy as np
 
 from barn_sim.config import LocalizationConfig
-from barn_worlds.base.arrays import BoolGrid, Floats, Integers
+from barn_worlds.base.arrays import BoolGrid, Floats, Integers, unit_vectors
 from barn_worlds.base.kernel import kernel
-from barn_worlds.base.types import OccupancyMap, Pose2D, Scan, nanoseconds, wrap_angle
+from barn_worlds.base.types import (
+    ORIGIN,
+    OccupancyMap,
+    Pose2D,
+    Scan,
+    nanoseconds,
+    wrap_angle,
+)
 
 # Costs of map cells from which on they are obstacles.
 _OCCUPIED = 65
@@ -80,7 +87,7 @@ class ParticleLocalization:
         # Slow and fast average of the weights.
         self._averages: tuple[float, float] | None = None
         self._updated_at: Pose2D | None = None
-        self._correction = Pose2D(0.0, 0.0, 0.0)
+        self._correction = ORIGIN
         # Corrections that wait for the time at which they take effect.
         self._pending: deque[tuple[int, Pose2D]] = deque()
 
@@ -135,7 +142,7 @@ class ParticleLocalization:
         heading = self._particles[:, 2] + turn
         heading -= turn_spread * errors[0]
         step = length - length_spread * errors[1]
-        direction = np.stack([np.cos(heading), np.sin(heading)], axis=1)
+        direction = unit_vectors(heading)
         self._particles[:, :2] += step[:, None] * direction
         self._particles[:, 2] = heading + final_turn - final_spread * errors[2]
 
@@ -152,7 +159,7 @@ class ParticleLocalization:
             + scan.angle_increment * np.flatnonzero(is_hit)
             + self._mount.yaw
         )
-        directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        directions = unit_vectors(angles)
         hits = ranges[is_hit, None] * directions + [self._mount.x, self._mount.y]
         table = self._likelihood_cubes(scan.range_max)
         return particle_weights(self._particles, hits, table, *self._grid)

@@ -17,3 +17,18 @@ Bytes = npt.NDArray[np.uint8]  # costs of cells, flags
 MediumIntegers = npt.NDArray[np.int32]
 SignedBytes = npt.NDArray[np.int8]  # cells of an occupancy grid
 AnyArray = npt.NDArray[Any]
+
+
+def side_lengths(points: AnyArray) -> Floats:
+    """Return the distance (n - 1,) from each of some points (n, 2 or more) to the next.
+
+    Args:
+        points: x and y, or row and column, and what else there is about them.
+    """
+    lengths: Floats = np.hypot(*np.diff(points[:, :2], axis=0).T)
+    return lengths
+
+
+def unit_vectors(angles: Floats) -> Floats:
+    """Return the unit vectors (n, 2) of directions (n,) in rad."""
+    return np.stack([np.cos(angles), np.sin(angles)], axis=1)

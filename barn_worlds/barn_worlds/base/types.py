@@ -121,6 +121,7 @@ class Velocity2D:
 
 
 STOP = Velocity2D()
+ORIGIN = Pose2D(0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)

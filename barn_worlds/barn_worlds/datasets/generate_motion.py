@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from barn_worlds.base.arrays import Floats, Points
+from barn_worlds.base.arrays import Floats, Points, side_lengths
 from barn_worlds.base.config import Checked, as_dict, quantity, read_presets
 from barn_worlds.base.errors import ConfigError, WorldError, suggest
 from barn_worlds.moving.motion import Motion, MovingObstacle, Wall
@@ -341,9 +341,9 @@ def _polynomial_points(
         points: Points = np.concatenate([np.stack([x, y], axis=1), random_points])
         along_x = np.argsort(points[:, 0], kind="stable")
         points = points[along_x]
-        is_apart = np.hypot(*np.diff(points, axis=0).T) > _CLOSEST_POINTS_M
+        is_apart = side_lengths(points) > _CLOSEST_POINTS_M
         points = points[np.append(True, is_apart)]
-        length_m = np.hypot(*np.diff(points, axis=0).T).sum()
+        length_m = side_lengths(points).sum()
         if len(points) > 1 and length_m >= _SHORTEST_PROFILE_M:
             return points
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from barn_worlds.base.arrays import Floats, Points
+from barn_worlds.base.arrays import Floats, Points, unit_vectors
 from barn_worlds.base.types import Pose2D
 from barn_worlds.moving.motion import Wall
 from barn_worlds.moving.tracks import Tracks
@@ -36,7 +36,7 @@ class Bodies(NamedTuple):
     def outlines(self) -> list[Points]:
         """Return each body's outline x, y (k, 2) in m, map frame, seen from above."""
         angles = np.linspace(0.0, 2.0 * math.pi, _CIRCLE_POINTS)
-        circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        circle = unit_vectors(angles)
         outlines = []
         for pose, radius, size in zip(
             self.poses.tolist(), self.radius_m, self.size_m, strict=True

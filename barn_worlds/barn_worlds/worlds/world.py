@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from barn_worlds.base.arrays import AnyArray, BoolGrid, Cells, Points
+from barn_worlds.base.arrays import AnyArray, BoolGrid, Cells, Points, side_lengths
 from barn_worlds.base.errors import WorldError, format_value
 from barn_worlds.base.types import OccupancyMap, Pose2D
 from barn_worlds.moving.motion import MovingObstacle, Wall, check_scene, scene_content
@@ -247,7 +247,7 @@ class World:
     @cached_property
     def path_length_m(self) -> float:
         """Length of the path in m over cell centers; a repeated cell adds nothing."""
-        return float(np.hypot(*np.diff(self.path, axis=0).T).sum() * self.resolution_m)
+        return float(side_lengths(self.path).sum() * self.resolution_m)
 
     def occupancy_map(
         self, resolution_m: float | None = None, *, historical: bool = False

@@ -10,7 +10,7 @@ from barn_eval.results.bags.movers import MAX_EXTRAPOLATION_S, TRAIL_S
 from barn_eval.results.bags.recorded import RecordedTrial, TimedItem
 from barn_eval.results.tracks import pack_arrays
 from barn_worlds.base.arrays import Floats
-from barn_worlds.base.types import OccupancyMap, Pose2D
+from barn_worlds.base.types import ORIGIN, OccupancyMap, Pose2D
 from barn_worlds.geometry.bodies import Bodies, moving_bodies, wall_bodies
 from barn_worlds.worlds.world import World
 
@@ -62,7 +62,7 @@ def make_payload(recorded: RecordedTrial) -> dict[str, Any]:
     arrays["score_times"] = np.array([item.time_s for item in recorded.scores])
     arrays["scores"] = np.array([item.content for item in recorded.scores], "f4")
     if recorded.map is not None:
-        content["map"] = _grid_list(recorded.map, Pose2D(0.0, 0.0, 0.0))
+        content["map"] = _grid_list(recorded.map, ORIGIN)
         cells = recorded.map.data.ravel()
         # One byte for each cell: 0 is free, 1 occupied, and 2 unknown, which messages
         # have as -1.

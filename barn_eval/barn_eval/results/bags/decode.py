@@ -10,7 +10,7 @@ from barn_planners.interface import PlannerStatus
 from barn_sim.config import chassis_in
 from barn_worlds.base.errors import ConfigError, MessageError
 from barn_worlds.base.text_files import as_mapping, parse_json
-from barn_worlds.base.types import OccupancyMap, Odometry, Pose2D, Scan
+from barn_worlds.base.types import ORIGIN, OccupancyMap, Odometry, Pose2D, Scan
 from barn_worlds.messages import decode, topics
 from barn_worlds.messages.scenes import decode_moving, decode_moving_poses, decode_scene
 from barn_worlds.messages.topics import Topic
@@ -19,7 +19,6 @@ from barn_worlds.robots.robot import Chassis
 from barn_worlds.worlds.cells import STANDARD_CELL_M
 
 RECOVERING = PlannerStatus.RECOVERING.value
-ORIGIN = Pose2D(0.0, 0.0, 0.0)
 _MAX_CELLS = 1 << 24
 _MAX_BEAMS = 100_000
 _MAX_LETTERS = 60

@@ -12,14 +12,14 @@ import numpy as np
 
 from barn_eval.results.bags import BAGS, decode
 from barn_eval.results.bags.bagfile import BagFile
-from barn_eval.results.bags.decode import ORIGIN, TOPICS, metadata
+from barn_eval.results.bags.decode import TOPICS, metadata
 from barn_eval.results.bags.messages import PUSHED_M
 from barn_eval.results.bags.movers import ROUNDING_S, RecordedMotions, compute_gaps
 from barn_eval.results.bags.sources import NO_SOURCES, PoseReader, Sources, TopicChoice
 from barn_eval.trials.trajectory import compute_clearances
 from barn_worlds.base.arrays import Bools, Floats
 from barn_worlds.base.errors import BagError, BarnError, format_error
-from barn_worlds.base.types import OccupancyMap, Pose2D, seconds
+from barn_worlds.base.types import ORIGIN, OccupancyMap, Pose2D, seconds
 from barn_worlds.geometry.footprint import Footprint
 from barn_worlds.messages import topics
 from barn_worlds.messages.topics import FRAMES

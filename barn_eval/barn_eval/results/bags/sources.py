@@ -9,7 +9,7 @@ from barn_eval.results.bags.bagfile import BagFile
 from barn_eval.results.bags.mcap_file import RawMessage
 from barn_eval.trials.system import NO_CONTACT
 from barn_worlds.base.errors import BagError, ConfigError, format_value
-from barn_worlds.base.types import Odometry, Pose2D, Velocity2D
+from barn_worlds.base.types import ORIGIN, Odometry, Pose2D, Velocity2D
 from barn_worlds.messages import decode, topics
 
 NO_TWIST = Velocity2D(math.nan, math.nan)
@@ -216,7 +216,7 @@ class PoseReader:
             is_known = self.links.keys() >= set(self._chain)
             if is_known and moving and link == moving[-1]:
                 self.frame = self._chain[0][0]
-                pose = Pose2D(0.0, 0.0, 0.0)
+                pose = ORIGIN
                 for other in self._chain:
                     pose = pose @ self.links[other]
                 yield Odometry(transform.stamp_ns, pose, NO_TWIST)
