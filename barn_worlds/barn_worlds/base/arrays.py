@@ -29,6 +29,7 @@ def side_lengths(points: AnyArray) -> Floats:
     return lengths
 
 
-def unit_vectors(angles: Floats) -> Floats:
+def unit_vectors(angles: AnyArray) -> Floats:
     """Return the unit vectors (n, 2) of directions (n,) in rad."""
-    return np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    vectors: Floats = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    return vectors
