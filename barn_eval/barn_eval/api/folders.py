@@ -19,11 +19,10 @@ from barn_eval.pages.report.maps import overlay as draw_overlay
 from barn_eval.pages.report.page import (
     build_report,
     replay_links,
-    report_page,
     require_width,
     write_assets,
+    write_report,
 )
-from barn_eval.pages.template import write_page
 from barn_eval.verification.check import FolderCheck, check_folder
 from barn_worlds.base.errors import ConfigError, format_value
 
@@ -132,14 +131,16 @@ def report(
     width_mm: float | None = None,
     progress: Progress = lambda _: None,
 ) -> Page:
-    """Write a report of results folders as one HTML file that needs no other file.
+    """Write a report of results folders as an HTML page that needs no other file.
+
+    The data of more than 2000 trials are in a folder OUT_data beside the page.
 
     Args:
         folders: `Results` or folders, finished or not.
         out: The page.
         title: Title of the page.
         assets: Folder for its figures (SVG, PDF) and tables (CSV, LaTeX).
-        hardest: Number of worlds drawn as maps.
+        hardest: Number of the hardest worlds in a figure of `assets`.
         replays: Folder for a page of each bag, which the report links to.
         columns: Measures of its tables, columns of `Results.table`. Default: success,
             times and scores.
@@ -155,17 +156,16 @@ def report(
     require_width(width_mm)
     content = build_report(
         folder_paths(folders),
-        hardest,
+        # The page has all worlds as maps that its script draws.
+        0 if assets is None else hardest,
         columns=columns,
         progress=progress,
-        # In a width of their own, figures are drawn again for `assets`.
-        pdf=assets is not None and width_mm is None,
     )
     page = Path(out)
     links = replay_links(content, page, Path(replays) if replays else None)
     # Names of folders tell one report from another in a list of tabs.
     heading = title or f"Navigation benchmark: {', '.join(content.names)}"
-    write_page(page, report_page(content, heading, links))
+    write_report(content, page, heading, links)
     if assets is not None:
         write_assets(content, Path(assets), width_mm)
     return Page(page)

@@ -6,6 +6,7 @@ that a figure is readable in the dark theme too.
 
 import html
 import itertools
+import json
 import re
 from base64 import b64encode
 from collections.abc import Sequence
@@ -17,10 +18,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from markupsafe import Markup, escape
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
-from matplotlib.container import ErrorbarContainer
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.style import context
 
 from barn_eval.pages.template import themed
@@ -35,7 +37,17 @@ from barn_worlds.drawing.palette import INK, WHITE
 
 # At 96 pixels per inch this is the width of a page on a screen of 1280 pixels.
 WIDTH_IN = 12.0
+# Of the planners, in the order of their colors.
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+DASHES: tuple[Any, ...] = (
+    "-",
+    (0, (5, 2)),
+    (0, (1, 1.4)),
+    (0, (7, 1.5, 1, 1.5)),
+    (0, (2.5, 1.2)),
+    (0, (9, 3)),
+    (0, (3, 1.2, 1, 1.2, 1, 1.2)),
+)
 # Failures of the machinery share one color; the table of trials names them.
 OUTCOME_COLORS = dict.fromkeys(Outcome, palette.BROKEN) | {
     Outcome.SUCCESS: palette.SUCCEEDED,
@@ -44,7 +56,11 @@ OUTCOME_COLORS = dict.fromkeys(Outcome, palette.BROKEN) | {
     Outcome.TIMEOUT: palette.TIMED_OUT,
     Outcome.NO_FIRST_MOTION: palette.UNMOVED,
 }
+# A text that a page shows beside the pointer, and what picks the trial that a click
+# opens: the entry, the world and the outcome, as far as they are known.
+Tip = tuple[str | int, ...]
 
+_TIPS = "tips:"
 _MAX_TEXT_LENGTH = 40
 _NOTEBOOK_WIDTH_PX = 860
 # Digits of a coordinate in pixels beyond what a page shows.
@@ -86,13 +102,27 @@ def figure_of(panels: Sequence[Axes]) -> Figure:
     return figure
 
 
-def marker_of(position: int) -> str:
-    """Return matplotlib's marker for the entry at a position, from 0.
+def look_numbers(colors: Sequence[str]) -> list[int]:
+    """Return for each planner's color the position of its marker and its dashes.
 
-    After seven entries colors repeat; markers are then shifted by one, so that the pair
-    of both stays unique.
+    A color has always the same marker. Where it repeats, the next marker is taken, so
+    that the pair of both stays unique.
     """
-    return MARKERS[(position + position // len(MARKERS)) % len(MARKERS)]
+    numbers = []
+    for position, color in enumerate(colors):
+        repeats = list(colors[:position]).count(color)
+        numbers.append((palette.PLANNERS.index(color) + repeats) % len(MARKERS))
+    return numbers
+
+
+def add_tips(artist: Artist, tips: Sequence[Tip]) -> None:
+    """Give a page texts to show beside the pointer for what an artist draws.
+
+    Args:
+        artist: What is drawn.
+        tips: One for each of its markers or areas, or a single one for all of it.
+    """
+    artist.set_gid(_TIPS + json.dumps(tips, separators=(",", ":")))
 
 
 def label_axes(axes: Axes, x: str, y: str, title: str = "") -> None:
@@ -116,8 +146,9 @@ def draw_estimates(
     x: Sequence[Interval] | Floats,
     y: Sequence[Interval],
     size: float = 6,
+    tips: Sequence[Tip] = (),
     **look: Any,
-) -> ErrorbarContainer:
+) -> Line2D:
     """Draw estimates as markers with bars to their limits; return a legend entry.
 
     Args:
@@ -125,10 +156,11 @@ def draw_estimates(
         x: Horizontal positions (n,), or estimates with limits of their own.
         y: Estimates.
         size: Size of the markers in points.
+        tips: One for each estimate.
         **look: Color, marker and label, as matplotlib takes them.
 
     Returns:
-        What a legend shows of them.
+        The markers, which alone a legend shows: caps would hide their shapes.
     """
     values: dict[str, Any] = {"x": x}
     for name, estimates in (("x", x), ("y", y)):
@@ -142,7 +174,13 @@ def draw_estimates(
         below = np.maximum(middle - low, 0.0)
         above = np.maximum(high - middle, 0.0)
         values[f"{name}err"] = np.array([below, above])
-    return axes.errorbar(**values, linestyle="", capsize=3, markersize=size, **look)
+    bars = axes.errorbar(**values, linestyle="", capsize=3, markersize=size, **look)
+    marks: Line2D = bars[0]
+    marks.set_label(look["label"])
+    # What has no value is not drawn.
+    is_drawn = np.isfinite(values["x"]) & np.isfinite(values["y"])
+    add_tips(marks, list(itertools.compress(tips, is_drawn)))
+    return marks
 
 
 class ReportFigure(NamedTuple):
@@ -156,12 +194,10 @@ class ReportFigure(NamedTuple):
     about: str
     svg: str
     element: Markup
-    pdf: bytes  # empty if not wanted
+    pdf: bytes
 
     def write(self, folder: Path) -> None:
         """Write the figure as NAME.svg and NAME.pdf into a folder, both on white.
-
-        The PDF's file is empty if none was wanted.
 
         Raises:
             StoreError: A file cannot be written.
@@ -173,8 +209,8 @@ class ReportFigure(NamedTuple):
         write_durably(folder / f"{self.name}.pdf", self.pdf)
 
 
-def finish_figure(figure: Figure, name: str, about: str, *, pdf: bool) -> ReportFigure:
-    """Return a figure drawn as SVG, page element and, if wanted, PDF.
+def finish_figure(figure: Figure, name: str, about: str) -> ReportFigure:
+    """Return a figure drawn as SVG, page element and PDF.
 
     Its layout stays what it is then.
 
@@ -182,7 +218,6 @@ def finish_figure(figure: Figure, name: str, about: str, *, pdf: bool) -> Report
         figure: What is drawn; made within `style`, so that its sizes fit.
         name: Name of its files and prefix of its identifiers.
         about: Description for readers who do not see it.
-        pdf: Whether it is drawn as PDF too.
     """
     svg = unique_svg(figure, name, about)
     # A second layout, for the PDF, would move what the first has placed.
@@ -193,16 +228,14 @@ def finish_figure(figure: Figure, name: str, about: str, *, pdf: bool) -> Report
         svg,
     )
     text = text.replace(INK, "currentColor")
-    # Pixels keep their colors, so the legend of an image must keep them too.
-    if not any(axes.images for axes in figure.axes):
-        text = re.sub(r"#[0-9a-fA-F]{6}\b", lambda match: themed(match[0]), text)
+    text = re.sub(r"#[0-9a-fA-F]{6}\b", lambda match: themed(match[0]), text)
     # The style sheet decides the size; the view box keeps the ratio.
     for side in ("width", "height"):
         text = re.sub(rf'(<svg[^>]*?) {side}="[^"]*"', r"\1", text, count=1)
     figure.patch.set_facecolor(WHITE)
     # This is matplotlib's markup, in which texts are paths.
     element = Markup(text)  # noqa: S704  # nosec B704
-    document = _figure_content(figure, "pdf") if pdf else b""
+    document = _figure_content(figure, "pdf")
     return ReportFigure(name, about, svg, element, document)
 
 
@@ -218,6 +251,7 @@ def unique_svg(figure: Figure, name: str, description: str) -> str:
     text = text[text.index("<svg") :]
     # Equal clip paths have equal identifiers in all figures of a page.
     text = re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{name}-", text)
+    text = text.replace(f'id="{name}-{_TIPS}', 'data-tips="')
     # It names the program that drew the figure, which no page shows.
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.S)
     label = f'<svg role="img" aria-label="{escape(description)}"'

@@ -14,7 +14,7 @@ from barn_metrics.bootstrap import number
 from barn_worlds.base.errors import ConfigError, convert_os_errors
 from barn_worlds.base.files import write_durably
 from barn_worlds.base.text_files import make_json_safe
-from barn_worlds.drawing.palette import MOVER, PAGE, PLANNERS, PLANNERS_ON_DARK
+from barn_worlds.drawing.palette import MOVER, ON_DARK, PAGE
 
 # Characters that could end a script element or a line of JavaScript inside JSON.
 _UNSAFE_IN_SCRIPTS = {
@@ -81,19 +81,18 @@ def asset(name: str) -> Markup:
 def themed(color: str) -> str:
     """Return a hexadecimal color as CSS that follows the page's light or dark theme.
 
-    Only the colors of planners and moving obstacles depend on the theme.
+    Only the colors of planners, outcomes and moving obstacles depend on the theme.
     """
     if color == MOVER:
         return f"var(--mover, {MOVER})"
-    # matplotlib writes colors in lower case.
-    if color.upper() in PLANNERS:
+    if color in ON_DARK:
         return f"var({property_name(color)}, {color})"
     return color
 
 
 def property_name(color: str) -> str:
-    """Return the CSS property of a planner's color, such as --c-0072b2."""
-    return f"--c-{color[1:].lower()}"
+    """Return the CSS property of a themed color, such as --c-0072b2."""
+    return f"--c-{color[1:]}"
 
 
 @cache
@@ -111,7 +110,7 @@ def _environment() -> jinja2.Environment:
     environment.globals |= {
         "asset": asset,
         "page_colors": PAGE,
-        "planner_colors": PLANNERS_ON_DARK,
+        "themed_colors": ON_DARK,
     }
     for function in (
         script_json,

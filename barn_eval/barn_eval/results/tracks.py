@@ -132,6 +132,9 @@ LARGEST_COMMAND = 65.0
 _MAX_BYTES = (MAX_SAMPLES + 1) * (2 * len(CHANNELS) + 1) + 8
 
 
+_PACKED = ("zlib", "arrays", "steps", "note")
+
+
 @dataclass(frozen=True, eq=False)
 class Track:
     """What a robot did, thinned out."""
@@ -139,6 +142,9 @@ class Track:
     samples: Floats  # (n, 9) after `CHANNELS`, NaN where there is nothing
     contact: Bools  # (n,) since the sample before
     note: str = ""
+
+    content: Mapping[str, Any] | None = None
+    """The data that it was read from, for `packed`."""
 
     @property
     def steps(self) -> Floats:
@@ -153,6 +159,8 @@ class Track:
     @cached_property
     def packed(self) -> dict[str, Any]:
         """JSON-ready data: samples, rounded and compressed, contact, steps, note."""
+        if self.content is not None:
+            return {key: self.content[key] for key in _PACKED}
         steps = self.steps
         is_number = np.isfinite(self.samples)
         rounded = np.round(np.where(is_number, self.samples, 0.0) / steps)
@@ -313,4 +321,5 @@ def _read_track(content: Mapping[str, Any]) -> Track:
     note = content.get("note")
     if not isinstance(note, str):
         note = ""
-    return Track(values, contact.astype(np.bool_), note)
+    content = {**content, "note": note}
+    return Track(values, contact.astype(np.bool_), note, content)

@@ -1,8 +1,8 @@
 """The colors of everything that is drawn, each named by what it stands for.
 
 Hues of scenes are Okabe and Ito's, which color-blind readers can tell apart. Planners
-are dark and light in turn: each has a contrast of 3:1 to the paper, and a dark one 3:1
-to a light one (WCAG 2.2, 1.4.11).
+and outcomes have a contrast of 3:1 to the paper (WCAG 2.2, 1.4.11) and are at least 15
+apart by CIEDE2000, for readers with deuteranopia too.
 """
 
 BLUE = "#0072B2"
@@ -40,24 +40,39 @@ CANDIDATE = "#8a8f98"
 INK = "#010101"
 FAINT = "#8a8f98"
 
-# How a trial ended: light where it succeeded, dark where it failed.
-SUCCEEDED = "#25a48f"
-COLLIDED = "#8c1d04"
-TIMED_OUT = "#241a6b"
-UNMOVED = "#6a1a6a"
-BROKEN = "#474747"
+# How a trial ended.
+SUCCEEDED = "#419979"
+COLLIDED = "#8a0010"
+TIMED_OUT = "#8c7433"
+UNMOVED = "#5132ae"
+BROKEN = "#555153"
 
-# Planners on dark paper, by their color on white. They take these in order.
-PLANNERS_ON_DARK = {
-    "#0A38A8": "#4a63ea",
-    "#EE6A18": "#ffbe73",
-    "#7D1F08": "#cd2a20",
-    "#25A48F": "#6ff0d0",
-    "#1D1030": "#8a5a94",
-    "#C96CF1": "#e3b5ff",
-    "#513159": "#56808a",
+# Planners take these in order, dark and light in turn.
+PLANNERS = (
+    "#2f5fca",
+    "#e86011",
+    "#091614",
+    "#9c5372",
+    "#653d2d",
+    "#698db0",
+    "#2a2a60",
+)
+
+# What planners and outcomes are on dark paper, by their color on white.
+ON_DARK = {
+    SUCCEEDED: "#6d9c72",
+    COLLIDED: "#d92e23",
+    TIMED_OUT: "#f5f05a",
+    UNMOVED: "#a47daf",
+    BROKEN: "#b8b8b8",
+    "#2f5fca": "#52a4e4",
+    "#e86011": "#f87a26",
+    "#091614": "#dafed2",
+    "#9c5372": "#d57c9b",
+    "#653d2d": "#966b50",
+    "#698db0": "#b5e2ff",
+    "#2a2a60": "#785ad0",
 }
-PLANNERS = tuple(PLANNERS_ON_DARK)
 
 # A page, by property of its style sheet: on white and on dark paper. Print is on white.
 PAGE = {

@@ -64,7 +64,7 @@ class Scene {
   begin() {
     const { context, width, height } = prepared(this.canvas);
     const [left, below, right, above] = this.bounds;
-    const margin = { left: 46, right: 8, top: 8, bottom: 40 };
+    const margin = this.bare ? { left: 4, right: 4, top: 4, bottom: 4 } : { left: 46, right: 8, top: 8, bottom: 40 };
     const inner = { width: width - margin.left - margin.right, height: height - margin.top - margin.bottom };
     this.scale = Math.max(1e-3, Math.min(inner.width / (right - left), inner.height / (above - below)));
     const near = this.view && this.view.zoom > 1 ? this.view : null;
@@ -76,7 +76,7 @@ class Scene {
     this.seen = near ? [middleX - halfX, middleY - halfY, middleX + halfX, middleY + halfY] : this.bounds;
     this.context = context;
     this.pixel = 1 / this.scale;
-    this.axes();
+    if (!this.bare) this.axes();
     context.save();
     context.beginPath();
     const [seenLeft, seenBelow, seenRight, seenAbove] = this.seen;

@@ -3,14 +3,14 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import chain, cycle
+from itertools import chain
 from textwrap import fill
 from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib import rcParams
 from matplotlib.axes import Axes
-from matplotlib.colors import ListedColormap
+from matplotlib.collections import PolyCollection
 from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
@@ -29,27 +29,33 @@ from barn_eval.analysis.overview import Overview
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.significance import ALPHA
 from barn_eval.pages.figures import (
+    DASHES,
+    MARKERS,
     OUTCOME_COLORS,
     WIDTH_IN,
+    Tip,
+    add_tips,
     draw_estimates,
     figure_of,
     label_axes,
-    marker_of,
+    look_numbers,
     plain_text,
 )
 from barn_eval.pages.report.trials import DrivenTrial
 from barn_eval.running.setting_folders import LATENCY, format_setting_value
+from barn_eval.trials.outcome import Outcome
 from barn_metrics.bootstrap import Interval
 from barn_worlds.base.arrays import Floats
-from barn_worlds.drawing.palette import BROKEN, INK, WHITE
+from barn_worlds.drawing.palette import BROKEN, INK
 from barn_worlds.worlds.world import World
 
 _RANK_LABEL = "world, from easy to difficult [rank]"
-_DASHES = ("-", "--", "-.", ":")
 # Above so many worlds per inch their numbers do not fit below the axis.
 _MAX_NUMBERS_PER_IN = 2.4
 # A line of running means has about so many windows.
 _WINDOWS = 15
+# A line of a distribution has at most so many steps.
+_MAX_STEPS = 400
 _COMPUTE_MEASURES = {
     "median": "compute_p50_ms",
     "95th percentile": "compute_p95_ms",
@@ -63,6 +69,9 @@ _PAPER_HEIGHT = 0.55
 _PAPER_STRIP_HEIGHT = 0.9
 
 
+MappedWorlds = Mapping[int, tuple[World, Sequence[DrivenTrial]]]
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ChartData:
     """What charts are drawn from."""
@@ -73,10 +82,11 @@ class ChartData:
     compute_overview: Callable[[], Overview]
     """Computes what `overview` is."""
 
-    hardest: Mapping[int, tuple[World, Sequence[DrivenTrial]]] = field(
-        default_factory=dict
-    )
+    hardest: MappedWorlds = field(default_factory=dict)
     """The hardest worlds with their trials, by number, hardest first."""
+
+    contrast: MappedWorlds = field(default_factory=dict)
+    """The world in which planners differ most with its trials, by number."""
 
     @cached_property
     def overview(self) -> Overview:
@@ -84,12 +94,23 @@ class ChartData:
         return self.compute_overview()
 
     @property
+    def look_numbers(self) -> list[int]:
+        """Positions of each entry's marker and dashes."""
+        return look_numbers([entry.color for entry in self.entries])
+
+    @property
     def looks(self) -> list[dict[str, Any]]:
         """Color, marker and label of each entry, as keyword arguments of matplotlib."""
-        return [
-            {"color": entry.color, "marker": marker_of(number), "label": entry.label}
-            for number, entry in enumerate(self.entries)
-        ]
+        looks = []
+        for entry, number in zip(self.entries, self.look_numbers, strict=True):
+            look = {"color": entry.color, "marker": MARKERS[number]}
+            looks.append(look | {"label": entry.label})
+        return looks
+
+    @property
+    def dashes(self) -> list[Any]:
+        """Style of each entry's lines, as matplotlib takes it."""
+        return [DASHES[number] for number in self.look_numbers]
 
     @property
     def difference_measures(self) -> list[Measure]:
@@ -113,6 +134,7 @@ class Panels(NamedTuple):
     sharex: bool = False
     sharey: bool = False
     width_in: float = WIDTH_IN
+    is_legend_beside: bool = False
 
     def fit_to(self, width_in: float) -> "Panels":
         """Return the panels for a paper of this width, in the columns that fit."""
@@ -181,14 +203,21 @@ def _worlds(data: ChartData, make_panels: MakePanels) -> Handles:
         points = {"alpha": 0.3, "markersize": 3}
 
     handles: list[Any] = []
-    lines = zip(data.entries, data.looks, cycle(_DASHES), strict=False)
-    for entry, look, dashes in lines:
+    lines = zip(data.entries, data.looks, data.dashes, strict=True)
+    for number, (entry, look, dashes) in enumerate(lines):
         results = results_by_world(entry.results)
         means: Floats = np.full(len(worlds), np.nan)
+        tips: list[Tip] = []
         for place, world in enumerate(worlds):
             if world in results:
-                means[place] = TIME.values(results[world]).mean()
-        axes.plot(rank, means, linestyle="", markeredgewidth=0, **look, **points)
+                mean = TIME.values(results[world]).mean()
+                means[place] = mean
+                text = f"{entry.label}, world {world}: {mean:.2f} s/m"
+                tips.append((text, number, world))
+        (marks,) = axes.plot(
+            rank, means, linestyle="", markeredgewidth=0, **look, **points
+        )
+        add_tips(marks, tips)
         running_means = _running_means(means, window)
         handles += axes.plot(
             _running_means(rank, window),
@@ -229,14 +258,22 @@ def _bands(data: ChartData, make_panels: MakePanels) -> Handles:
         for position, look in enumerate(data.looks):
             # Side by side around the tick, apart from those of the next band.
             shift = (position - (count - 1) / 2) * min(0.16, 0.6 / count)
-            means = [
-                measure.in_heading_unit(band.summaries[position][measure.key])
-                for band in bands
-            ]
-            handles.append(draw_estimates(axes, places + shift, means, **look))
+            means = []
+            tips = []
+            for band in bands:
+                mean = band.summaries[position][measure.key]
+                means.append(measure.in_heading_unit(mean))
+                tips.append(_tip(f"{look['label']}, {band.name}", measure, mean))
+            x = places + shift
+            handles.append(draw_estimates(axes, x, means, tips=tips, **look))
         _label_measure(axes, "worlds by difficulty [band]", measure)
         axes.set_xticks(places, ticks)
     return handles
+
+
+def _tip(name: str, measure: Measure, mean: Interval) -> Tip:
+    """Return a text with a mean, its limits and unit."""
+    return (f"{name}: {measure.text(mean)}{measure.after}",)
 
 
 def _label_measure(axes: Axes, x: str, measure: Measure) -> None:
@@ -251,50 +288,49 @@ def _outcomes(data: ChartData, make_panels: MakePanels) -> Handles:
     """Draw outcomes, a strip per planner: worlds along x, repetitions along y."""
     worlds = data.order.worlds
     column = {world: position for position, world in enumerate(worlds)}
-    # 0 stands for no trial.
-    codes = {outcome: code for code, outcome in enumerate(OUTCOME_COLORS, 1)}
-    # The color of a code is at its place in this list.
-    colors = [WHITE, *OUTCOME_COLORS.values()]
-    present_codes: set[int] = set()
-    # A strip grows with its repetitions up to eight; more of them become thinner.
-    heights = [max(row.repetition for row in e.results) + 1 for e in data.entries]
+    # A strip grows with its trials up to eight; more of them become thinner.
+    groups = [results_by_world(entry.results) for entry in data.entries]
+    heights = [max(map(len, group.values())) for group in groups]
     heights_in = [0.28 + min(0.15 * height, 1.2) for height in heights]
     panels = make_panels(Panels(1.4 + sum(heights_in), rows=len(heights), sharex=True))
-    for axes, entry, height in zip(panels, data.entries, heights, strict=True):
-        cells = np.zeros((height, len(worlds)), np.int64)
-        for result in entry.results:
-            if result.world in column:
-                cells[result.repetition, column[result.world]] = codes[result.outcome]
-        present_codes.update(np.unique(cells).tolist())
-        axes.imshow(
-            cells,
-            aspect="auto",
-            # Each cell is a trial: blended colors would show outcomes that none had.
-            interpolation="none",
-            extent=(0.5, len(worlds) + 0.5, height, 0),
-            cmap=ListedColormap(colors),
-            vmin=-0.5,
-            vmax=len(colors) - 0.5,
-        )
-        axes.set_title(plain_text(entry.label))
-        axes.set_yticks([0.5], ["1"])
-        if height > 1:
-            axes.set_yticks([0.5, height - 0.5], ["1", str(height)])
-        axes.set_ylabel("trial")
+    patches = {}
+    for number, (axes, group) in enumerate(zip(panels, groups, strict=True)):
+        # Bars by outcome, each of the trials of one world that ended in it.
+        bars: dict[Outcome, list[Floats]] = {}
+        tips: dict[Outcome, list[Tip]] = {}
+        for world, results in group.items():
+            if world not in column:
+                continue
+            outcomes = [result.outcome for result in results]
+            top = 0
+            for outcome in OUTCOME_COLORS:
+                count = outcomes.count(outcome)
+                if not count:
+                    continue
+                left = column[world] + 0.5
+                bar = [(left, top), (left + 1.0, top)]
+                top += count
+                bar += [(left + 1.0, top), (left, top)]
+                bars.setdefault(outcome, []).append(np.array(bar))
+                text = f"world {world}: {count} of {len(results)} {outcome.words}"
+                tip = (text, number, world, outcome.value)
+                tips.setdefault(outcome, []).append(tip)
+        for outcome, corners in bars.items():
+            color = OUTCOME_COLORS[outcome]
+            areas = PolyCollection(corners, color=color, linewidth=0.3)
+            add_tips(areas, tips[outcome])
+            axes.add_collection(areas)
+            name = outcome.words if color != BROKEN else "other failure"
+            # Outcomes of one name have one color, so the legend has them once.
+            patches[name] = Patch(facecolor=color, label=name)
+        axes.set_title(plain_text(data.entries[number].label))
+        axes.set_xlim(0.5, len(worlds) + 0.5)
+        axes.set_ylim(heights[number], 0)
+        axes.set_yticks([0, heights[number]])
+        axes.set_ylabel("trials")
     panels[-1].set_xlabel(_RANK_LABEL)
     _label_worlds(panels[-1], data.order)
-
-    names = {0: "no trial"}
-    for outcome, code in codes.items():
-        names[code] = outcome.words
-        if OUTCOME_COLORS[outcome] == BROKEN:
-            names[code] = "other failure"
-    # Outcomes of one name have one color, so the legend has them once.
-    color_by_name = {names[code]: colors[code] for code in sorted(present_codes)}
-    return [
-        Patch(facecolor=color, edgecolor=INK, linewidth=0.5, label=name)
-        for name, color in color_by_name.items()
-    ]
+    return list(patches.values())
 
 
 @chart(
@@ -347,7 +383,10 @@ def _draw_differences(
             limits = [interval.low, interval.high]
             axes.plot(limits, [place, place], color=INK, linewidth=1.6)
         fill_color = INK if row.p_holm <= ALPHA else "none"
-        axes.plot(interval.estimate, place, "o", color=INK, markerfacecolor=fill_color)
+        marks = axes.plot(
+            interval.estimate, place, "o", color=INK, markerfacecolor=fill_color
+        )
+        add_tips(marks[0], [(f"{row.measure}: {interval.text()}",)])
     axes.axvline(neutral, color=INK, linewidth=1.0, linestyle="--")
 
 
@@ -389,20 +428,21 @@ def _sweep(data: ChartData, make_panels: MakePanels) -> Handles:
         handles = []
         for number, (name, points) in enumerate(lines.items()):
             ordered = sorted(points)
-            means = [
-                measure.in_heading_unit(summaries[position][measure.key])
-                for _, position in ordered
-            ]
+            means = []
+            tips = []
+            for _, position in ordered:
+                mean = summaries[position][measure.key]
+                means.append(measure.in_heading_unit(mean))
+                tips.append(_tip(data.entries[position].label, measure, mean))
             # A small shift keeps the limits of several lines apart.
             shift = 0.01 * number * np.ptp(ticks)
             x = ticks[[tick for tick, _ in ordered]] + shift
             # Of the line's entry that was named first.
             color = data.entries[points[0][1]].color
             axes.plot(x, [mean.estimate for mean in means], color=color, linewidth=1.2)
-            estimates = draw_estimates(
-                axes, x, means, color=color, marker=marker_of(number), label=name
-            )
-            handles.append(estimates)
+            marker = MARKERS[number % len(MARKERS)]
+            look: dict[str, Any] = {"color": color, "marker": marker, "label": name}
+            handles.append(draw_estimates(axes, x, means, tips=tips, **look))
         if not is_numeric or len(ticks) <= 12:
             axes.set_xticks(ticks, [format_setting_value(value) for value in values])
         _label_measure(axes, label, measure)
@@ -424,17 +464,27 @@ def _distributions(data: ChartData, make_panels: MakePanels) -> Handles:
         measure = MEASURES[key]
         if key == "min_clearance_m":
             measure = data.clearance_measure
-        for entry, dashes in zip(data.entries, cycle(_DASHES), strict=False):
+        for entry, dashes in zip(data.entries, data.dashes, strict=True):
             # A planner none of whose trials has the measure has no line.
             values = _finite_values(measure, entry)
-            if len(values):
-                handles[entry.label] = axes.ecdf(
-                    values,
-                    color=entry.color,
-                    linewidth=1.8,
-                    linestyle=dashes,
-                    label=entry.label,
-                )
+            count = len(values)
+            if not count:
+                continue
+            # Of many trials a line of some shows the same.
+            steps = np.linspace(0, count - 1, min(count, _MAX_STEPS)).astype(int)
+            (line,) = axes.plot(
+                [values[0], *values[steps]],
+                [0.0, *(steps + 1) / count],
+                drawstyle="steps-post",
+                color=entry.color,
+                linewidth=1.8,
+                linestyle=dashes,
+                label=entry.label,
+            )
+            middle, most = np.quantile(values, [0.5, 0.9])
+            text = f"{entry.label}: half up to {middle:.3g}, 90 % up to {most:.3g}"
+            add_tips(line, [(f"{text} {measure.unit}",)])
+            handles[entry.label] = line
         label_axes(axes, measure.heading, "")
         axes.set_ylim(0, 1.02)
     panels[0].set_ylabel("share of trials up to")
@@ -458,7 +508,8 @@ def _trade(data: ChartData, make_panels: MakePanels) -> Handles:
         for summary, look in zip(summaries, data.looks, strict=True):
             safety = [summary[measure.key]]
             time = [summary[TIME.key]]
-            handles.append(draw_estimates(axes, safety, time, 8, **look))
+            tips = [_tip(look["label"], TIME, time[0])]
+            handles.append(draw_estimates(axes, safety, time, 8, tips, **look))
         y_label = TIME.heading if axes is panels[0] else ""
         label_axes(axes, measure.heading, y_label)
         x = 0.01
@@ -515,8 +566,13 @@ def _compute(data: ChartData, make_panels: MakePanels) -> Handles:
             # A box has two whiskers and two caps, but only one median.
             lines_per_entry = len(boxes[part]) // len(entries)
             for position, line in enumerate(boxes[part]):
-                entry = entries[position // lines_per_entry]
+                number = position // lines_per_entry
+                entry = entries[number]
                 line.set(color=entry.color, linewidth=width)
+                if len(entry_times_ms[number]):
+                    middle = np.median(entry_times_ms[number])
+                    text = f"{entry.label}, {title}: half up to {middle:.3g} ms"
+                    add_tips(line, [(text,)])
 
         # Planners differ by orders of magnitude.
         axes.set_xscale("log")

@@ -1,22 +1,28 @@
 """Maps of worlds with the trajectories of trials in them."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from barn_eval.analysis.difficulty import WorldOrder
+from barn_eval.analysis.difficulty import TIME, WorldOrder, results_by_world
 from barn_eval.analysis.entries import Entry, read_entries
+from barn_eval.analysis.measures import ranking_measure
 from barn_eval.analysis.text_table import count_noun
-from barn_eval.pages.figures import new_figure, plain_text
-from barn_eval.pages.report.charts import ChartData, MakePanels, Panels, chart
+from barn_eval.pages.figures import add_tips, new_figure, plain_text
+from barn_eval.pages.report.charts import (
+    ChartData,
+    MakePanels,
+    MappedWorlds,
+    Panels,
+    chart,
+)
 from barn_eval.pages.report.trials import (
     DrivenTrial,
     make_scene,
@@ -40,8 +46,11 @@ _MOVER_FILL = MOVER + "55"
 # The figure of the hardest worlds, the width of a map in it, and room for its labels.
 _MAPS_WIDTH_IN = 16.0
 _MAPS_PER_ROW = 4
-_MAP_IN = 3.3
+_MAP_IN = 3.0
 _MAP_LABELS_IN = 1.0
+_LEGEND_IN = 2.5
+# A map has the first trails of each planner: more would hide each other.
+_MAX_TRAILS = 12
 # The figure of an overlay, and room beside it for labels and legend.
 _OVERLAY_HEIGHT_IN = 8.0
 _OVERLAY_SIDE_IN = 3.4
@@ -53,59 +62,93 @@ _MAX_MOTION_S = 200.0
 _MIN_ARROW_M = 0.3
 
 
-def select_hardest(
-    order: WorldOrder,
+def order_by_contrast(entries: Sequence[Entry], order: WorldOrder) -> list[int]:
+    """Return world numbers, that first in which the planners' means differ most.
+
+    They differ by the measure that ranks, then by time per meter; then harder worlds
+    come first.
+    """
+    groups = [results_by_world(entry.results) for entry in entries]
+    contrasts = {}
+    for world in order.worlds:
+        contrast = []
+        for measure in (ranking_measure(entries[0].results), TIME):
+            means = [measure.values(g[world]).mean() for g in groups if world in g]
+            contrast.append(float(np.nan_to_num(np.ptp(means))))
+        contrasts[world] = contrast
+    worlds = list(order.worlds[::-1])
+    worlds.sort(key=lambda world: contrasts[world], reverse=True)
+    return worlds
+
+
+def select_worlds(
+    numbers: Iterable[int],
     trials: Sequence[DrivenTrial],
     worlds: Mapping[str, World],
     count: int,
 ) -> dict[int, tuple[World, list[DrivenTrial]]]:
-    """Return up to `count` of the hardest available worlds by number, hardest first.
-
-    Each comes with all its trials.
+    """Return the first `count` available worlds with all their trials, by number.
 
     Args:
-        order: Worlds from easy to difficult.
+        numbers: Numbers of worlds, in order of preference.
         trials: Trials in any worlds.
         worlds: Available worlds by checksum. A number that means different worlds in
             different trials is left out.
         count: Number of worlds at most.
     """
-    hardest: dict[int, tuple[World, list[DrivenTrial]]] = {}
-    for number in reversed(order.worlds):
-        if len(hardest) == count:
+    groups: dict[int, list[DrivenTrial]] = {}
+    for trial in trials:
+        groups.setdefault(trial.result.world, []).append(trial)
+    selection: dict[int, tuple[World, list[DrivenTrial]]] = {}
+    for number in numbers:
+        if len(selection) == count:
             break
-        inside = [trial for trial in trials if trial.result.world == number]
+        inside = groups.get(number, [])
         checksums = {trial.result.world_checksum for trial in inside}
         if len(checksums) == 1 and checksums <= worlds.keys():
-            hardest[number] = (worlds[checksums.pop()], inside)
-    return hardest
+            selection[number] = (worlds[checksums.pop()], inside)
+    return selection
 
 
-@chart("The hardest worlds with all recorded trajectories")
+@chart("The trails of all planners in the world where they differ most")
+def _trails(data: ChartData, make_panels: MakePanels) -> Sequence[Line2D]:
+    """Draw a map of one world with tracks of all planners; return legend entries."""
+    layout = Panels(0.0, width_in=_MAP_IN + _LEGEND_IN, is_legend_beside=True)
+    return _draw_maps(data, data.contrast, make_panels, layout)
+
+
+@chart("The hardest worlds with trajectories of all planners")
 def _hardest(data: ChartData, make_panels: MakePanels) -> Sequence[Line2D]:
-    """Draw a map of each hardest world with all its tracks; return legend entries."""
-    if not data.hardest:
+    """Draw a map of each hardest world with tracks in it; return legend entries."""
+    layout = Panels(0.0, _MAPS_PER_ROW, width_in=_MAPS_WIDTH_IN)
+    return _draw_maps(data, data.hardest, make_panels, layout)
+
+
+def _draw_maps(
+    data: ChartData, worlds: MappedWorlds, make_panels: MakePanels, layout: Panels
+) -> Sequence[Line2D]:
+    """Draw a map of each world with tracks of its trials; return legend entries.
+
+    `layout` gets the rows and the height that the maps need.
+    """
+    if not worlds:
         return ()
     # Maps are as wide as there is room.
     corners = []
     ratios = []
-    for world, trials in data.hardest.values():
+    for world, trials in worlds.values():
         low, high = _map_corners(world, trials)
         width, height = high - low
         corners.append((low, high))
         ratios.append(height / width)
-    rows = -(-len(data.hardest) // _MAPS_PER_ROW)
-    height_in = (_MAP_IN * max(ratios) + _MAP_LABELS_IN) * rows + 0.4
-    panels = make_panels(
-        Panels(height_in, _MAPS_PER_ROW, rows, width_in=_MAPS_WIDTH_IN)
-    )
-    for axes in panels[len(data.hardest) :]:
+    rows = -(-len(worlds) // layout.columns)
+    height_in = (_MAP_IN * max(ratios) + _MAP_LABELS_IN) * rows
+    panels = make_panels(layout._replace(height_in=height_in, rows=rows))
+    for axes in panels[len(worlds) :]:
         axes.set_axis_off()
-    maps = zip(panels, corners, data.hardest.items(), strict=False)
+    maps = zip(panels, corners, worlds.items(), strict=False)
     for axes, (low, high), (number, (world, trials)) in maps:
-        # The page hides a map by this identifier if its filters leave the world out.
-        axes.set_gid(f"world-{number}")
-        _draw_map(axes, world, trials)
+        _draw_map(data, axes, world, trials)
         _show_area(axes, low, high)
         axes.grid(visible=True)
         axes.set_axisbelow(True)
@@ -116,7 +159,9 @@ def _hardest(data: ChartData, make_panels: MakePanels) -> Sequence[Line2D]:
             f"{successes} of {len(trials)} trials succeed"
         )
 
-    handles = [Line2D([], [], linewidth=2, **look) for look in data.looks]
+    handles = []
+    for look, dashes in zip(data.looks, data.dashes, strict=True):
+        handles.append(Line2D([], [], linewidth=2, linestyle=dashes, **look))
     handles += [
         _legend_mark(
             "end of a failed trial",
@@ -129,7 +174,7 @@ def _hardest(data: ChartData, make_panels: MakePanels) -> Sequence[Line2D]:
         _legend_mark("start", color=START, marker="o", markersize=7),
         _legend_mark("goal", color=GOAL, marker="*", markersize=13),
     ]
-    if any(world.moving for world, _ in data.hardest.values()):
+    if any(world.moving for world, _ in worlds.values()):
         handles += motion_handles()
     return handles
 
@@ -167,36 +212,34 @@ def _show_area(axes: Axes, low: Floats, high: Floats) -> None:
     )
 
 
-def _draw_map(axes: Axes, world: World, trials: Sequence[DrivenTrial]) -> None:
-    """Draw a world, its moving obstacles and the tracks of its trials onto axes."""
+def _draw_map(
+    data: ChartData, axes: Axes, world: World, trials: Sequence[DrivenTrial]
+) -> None:
+    """Draw a world, its moving obstacles and the first tracks of each planner."""
     scene = make_scene_if_known(trials[0].entry.source, world)
     drawing.draw_scene(axes, scene, faint=True)
-    draw_motion(axes, world, trials)
-    for trial in trials:
-        if trial.track is None:
-            continue
-        color = trial.entry.color
-        trail = trial.poses[:, :2]
-        corners_m = trial.entry.source.outline.corners_m
-        marks: list[Artist] = [
-            *axes.plot(*trail.T, color=color, linewidth=1.5, alpha=0.8),
-            drawing.draw_outlines(
-                axes, trial.poses[-1:], corners_m, color, linewidth=1.0
-            ),
-            *draw_touched_mover(axes, world, trial),
-        ]
-        if not trial.result.scores.success:
-            marks += axes.plot(
-                *trail[-1],
-                color=color,
-                marker="x",
-                markersize=9,
-                markeredgewidth=2.4,
-                zorder=5,
+    for number, entry in enumerate(data.entries):
+        own_trials = [t for t in trials if t.entry is entry and t.track is not None]
+        own_trials = own_trials[:_MAX_TRAILS]
+        draw_motion(axes, world, own_trials)
+        style = {"color": entry.color, "linestyle": data.dashes[number]}
+        end = {"marker": data.looks[number]["marker"], "markersize": 6.0}
+        for trial in own_trials:
+            trail = trial.poses[:, :2]
+            result = trial.result
+            outline_m = entry.source.outline.corners_m
+            (line,) = axes.plot(*trail.T, linewidth=1.5, alpha=0.85, **style)
+            text = (
+                f"{entry.label}, trial {result.repetition + 1}: "
+                f"{result.outcome.words} after {trial.end_s:.1f} s"
             )
-        # The page hides what its filters leave out by these identifiers.
-        for number, mark in enumerate(marks):
-            mark.set_gid(f"trial-{trial.position}-{number}")
+            add_tips(line, [(text, number, result.world, "", result.repetition)])
+            pose = trial.poses[-1:]
+            drawing.draw_outlines(axes, pose, outline_m, entry.color, linewidth=1.0)
+            draw_touched_mover(axes, world, trial)
+            if not result.scores.success:
+                end = {"marker": "x", "markersize": 9.0, "markeredgewidth": 2.4}
+            axes.plot(*trail[-1], color=entry.color, zorder=5, **end)
 
 
 def draw_motion(axes: Axes, world: World, trials: Sequence[DrivenTrial]) -> None:
@@ -237,20 +280,17 @@ def draw_motion(axes: Axes, world: World, trials: Sequence[DrivenTrial]) -> None
                 )
 
 
-def draw_touched_mover(axes: Axes, world: World, trial: DrivenTrial) -> list[Artist]:
+def draw_touched_mover(axes: Axes, world: World, trial: DrivenTrial) -> None:
     """Draw the moving obstacle that the robot hit, where it was at the trial's end.
 
     Args:
         axes: What is drawn onto.
         world: The world of the trial.
         trial: Its result names the obstacle, its track the time of the end.
-
-    Returns:
-        What was drawn, nothing if no moving obstacle ended the trial.
     """
     motion = trial.result.motion
     if motion is None or motion.touched not in world.tracks.names:
-        return []
+        return
     # The phase is the obstacles' own time at which the trial began.
     outlines = moving_bodies(world.tracks, motion.phase_s + trial.end_s).outlines()
     outline = outlines[world.tracks.names.index(motion.touched)]
@@ -261,7 +301,7 @@ def draw_touched_mover(axes: Axes, world: World, trial: DrivenTrial) -> list[Art
         edgecolor=trial.entry.color,
         linewidth=1.4,
     )
-    return [axes.add_collection(patch)]
+    axes.add_collection(patch)
 
 
 def motion_handles() -> list[Line2D]:

@@ -1,6 +1,7 @@
 """A report from its folders to the page, with figures and tables beside it."""
 
 import os
+from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -10,7 +11,7 @@ from urllib.parse import quote
 
 from matplotlib.axes import Axes
 
-from barn_eval.analysis.difficulty import order_worlds
+from barn_eval.analysis.difficulty import WorldOrder, order_worlds
 from barn_eval.analysis.entries import Entry, read_entries
 from barn_eval.analysis.measures import ranking_measure, require_measures
 from barn_eval.analysis.overview import analyze, make_tables, reproduce
@@ -30,15 +31,23 @@ from barn_eval.pages.figures import (
 )
 from barn_eval.pages.latex import latex_table
 from barn_eval.pages.replay.page import replay_page
-from barn_eval.pages.report.charts import CHARTS, Chart, ChartData, Panels
-from barn_eval.pages.report.maps import select_hardest
+from barn_eval.pages.report.charts import (
+    CHARTS,
+    Chart,
+    ChartData,
+    MappedWorlds,
+    Panels,
+)
+from barn_eval.pages.report.maps import order_by_contrast, select_worlds
 from barn_eval.pages.report.processes import run_forked
 from barn_eval.pages.report.trials import (
     DrivenTrial,
+    page_data,
+    positions_by_world,
     read_trials,
-    trial_data,
+    world_part,
 )
-from barn_eval.pages.template import render, write_page
+from barn_eval.pages.template import render, script_json, write_page
 from barn_eval.results.bags.recorded import read_recorded_trial
 from barn_eval.results.folder import REPLAYS
 from barn_eval.running.setting_folders import expand_sweeps
@@ -48,6 +57,9 @@ from barn_worlds.worlds.world import World
 TargetAxes = Axes | Sequence[Axes] | None
 # Number of worlds that are drawn as maps.
 DEFAULT_HARDEST = 8
+# A page with more trials has its data in scripts beside it.
+MAX_TRIALS_IN_PAGE = 2000
+_WORLDS_PER_JOB = 16
 _MAX_LEGEND_COLUMNS = 6
 _MM_PER_IN = 25.4
 
@@ -74,6 +86,7 @@ def draw(
         ConfigError: The number of axes is wrong.
     """
     panels: list[Axes] = []
+    layouts: list[Panels] = []
 
     def make_panels(layout: Panels) -> list[Axes]:
         """Return the caller's axes or those of a new figure, kept in `panels`."""
@@ -87,20 +100,8 @@ def draw(
                 )
             return panels
 
-        if width_mm:
-            layout = layout.fit_to(width_mm / _MM_PER_IN)
-        figure = new_figure(layout.height_in, layout.width_in)
-        grid = figure.subplots(
-            layout.rows,
-            layout.columns,
-            sharex=layout.sharex,
-            sharey=layout.sharey,
-            squeeze=False,
-        ).ravel()
-        # In a paper, more columns may leave some places empty.
-        for axes in grid[count:]:
-            axes.remove()
-        panels.extend(grid[:count])
+        layouts.append(layout)
+        panels.extend(_new_panels(layout, width_mm))
         return panels
 
     handles = chart.draw(data, make_panels)
@@ -116,8 +117,31 @@ def draw(
         panels[0].legend(handles, labels)
         return panels
     figure = figure_of(panels)
+    if layouts[0].is_legend_beside:
+        figure.legend(handles, labels, loc="outside right upper")
+        return panels
     columns = min(_MAX_LEGEND_COLUMNS, int(figure.get_figwidth() / 1.1), len(labels))
     figure.legend(handles, labels, loc="outside lower center", ncols=columns)
+    return panels
+
+
+def _new_panels(layout: Panels, width_mm: float | None) -> list[Axes]:
+    """Return the axes of a new figure, for a paper if it has a width."""
+    count = layout.rows * layout.columns
+    if width_mm:
+        layout = layout.fit_to(width_mm / _MM_PER_IN)
+    figure = new_figure(layout.height_in, layout.width_in)
+    grid = figure.subplots(
+        layout.rows,
+        layout.columns,
+        sharex=layout.sharex,
+        sharey=layout.sharey,
+        squeeze=False,
+    ).ravel()
+    # In a paper, more columns may leave some places empty.
+    for axes in grid[count:]:
+        axes.remove()
+    panels: list[Axes] = list(grid[:count])
     return panels
 
 
@@ -146,9 +170,9 @@ def plot(
         raise ConfigError(f"unknown figure {name!r}{suggest(name, CHARTS)}")
     require_width(width_mm)
     order = order_worlds(entries)
-    hardest = {}
-    if name == "hardest":
-        hardest = select_hardest(order, *read_trials(entries), DEFAULT_HARDEST)
+    maps: dict[str, MappedWorlds] = {}
+    if name in ("hardest", "trails"):
+        maps = select_maps(entries, order, *read_trials(entries), DEFAULT_HARDEST)
     data = ChartData(
         entries=entries,
         order=order,
@@ -156,13 +180,37 @@ def plot(
         compute_overview=lambda: analyze(
             entries, order, lambda jobs: [job() for job in jobs]
         ),
-        hardest=hardest,
+        **maps,
     )
     with style(width_mm):
         panels = draw(CHARTS[name], data, ax, width_mm)
     if not panels:
         raise ConfigError(f"figure {name!r}: these results have nothing to show in it")
     return panels
+
+
+def select_maps(
+    entries: Sequence[Entry],
+    order: WorldOrder,
+    trials: Sequence[DrivenTrial],
+    worlds: Mapping[str, World],
+    hardest: int,
+) -> dict[str, MappedWorlds]:
+    """Return the worlds of each figure of maps with their trials.
+
+    Args:
+        entries: The planners.
+        order: Their worlds from easy to difficult.
+        trials: All their trials.
+        worlds: Available worlds by checksum.
+        hardest: Number of the hardest worlds.
+    """
+    tracked = [trial for trial in trials if trial.has_track]
+    numbers = order_by_contrast(entries, order)
+    return {
+        "hardest": select_worlds(order.worlds[::-1], trials, worlds, hardest),
+        "contrast": select_worlds(numbers, tracked, worlds, 1),
+    }
 
 
 def require_width(width_mm: float | None) -> None:
@@ -172,14 +220,13 @@ def require_width(width_mm: float | None) -> None:
 
 
 def finish_chart(
-    chart: Chart, data: ChartData, *, pdf: bool, width_mm: float | None = None
+    chart: Chart, data: ChartData, *, width_mm: float | None = None
 ) -> ReportFigure | None:
-    """Return a chart drawn as SVG and, if wanted, PDF; None if it has nothing to show.
+    """Return a chart drawn as SVG and PDF; None if it has nothing to show.
 
     Args:
         chart: One of `CHARTS`.
         data: What it is drawn from.
-        pdf: Whether it is drawn as PDF too.
         width_mm: Width in a paper. By default the chart is for a page.
 
     Returns:
@@ -189,7 +236,7 @@ def finish_chart(
         panels = draw(chart, data, width_mm=width_mm)
         if not panels:
             return None
-        return finish_figure(figure_of(panels), chart.name, chart.about, pdf=pdf)
+        return finish_figure(figure_of(panels), chart.name, chart.about)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -203,9 +250,6 @@ class Report(ChartData):
 
     columns: Sequence[str]
     """Keys of the measures in its tables; the usual ones if empty."""
-
-    pdf: bool
-    """Whether figures are drawn as PDF too."""
 
     progress: Progress
     """Receives the share that is done, from 0 to 1."""
@@ -228,7 +272,7 @@ class Report(ChartData):
         matplotlib.
         """
         jobs = [
-            partial(finish_chart, chart, self, pdf=self.pdf)
+            partial(finish_chart, chart, self)
             # Maps take longest and are registered last.
             for chart in reversed(CHARTS.values())
         ]
@@ -242,7 +286,6 @@ def build_report(
     *,
     columns: Sequence[str] = (),
     progress: Progress = lambda _: None,
-    pdf: bool = True,
 ) -> Report:
     """Read results folders and compute what their report shows; nothing is written.
 
@@ -251,7 +294,6 @@ def build_report(
         hardest: Number of the hardest worlds that are drawn as maps.
         columns: Keys of the measures in its tables. By default the usual ones.
         progress: Receives the share that is done, from 0 to 1.
-        pdf: Whether figures are drawn as PDF too.
 
     Raises:
         BarnError: A folder holds no run, or the tasks of folders differ.
@@ -271,11 +313,10 @@ def build_report(
         entries=entries,
         order=order,
         compute_overview=lambda: overview,
-        hardest=select_hardest(order, trials, worlds, hardest),
+        **select_maps(entries, order, trials, worlds, hardest),
         trials=trials,
         worlds=worlds,
         columns=keys,
-        pdf=pdf,
         progress=progress,
     )
 
@@ -310,7 +351,10 @@ def replay_links(
 
 
 def report_page(
-    report: Report, title: str, links: Mapping[Path, str] | None = None
+    report: Report,
+    title: str,
+    links: Mapping[Path, str] | None = None,
+    data_folder: Path | None = None,
 ) -> str:
     """Return the HTML page of a report, in which text from files is no markup.
 
@@ -318,17 +362,43 @@ def report_page(
         report: What `build_report` has computed.
         title: Title of the page.
         links: What `replay_links` returns.
+        data_folder: Folder beside the page into which the data of trials are written,
+            as scripts. By default the page has them in it.
     """
     sources = list(dict.fromkeys(entry.source for entry in report.entries))
     bars = make_bars(report.entries)
     results = report.entries[0].results
-    data = trial_data(
-        report.entries, report.trials, report.worlds, links, report.columns
-    )
+    data, rows = page_data(report.entries, report.trials, report.columns)
+    groups = list(positions_by_world(report.trials).values())
+    if data_folder is None:
+        data["parts"] = {"trials": rows}
+        for place, positions in enumerate(groups):
+            part = world_part(report.trials, positions, links)
+            data["parts"][f"world_{place}"] = part
+    else:
+        data["folder"] = quote(data_folder.name)
+        _write_part(data_folder, "trials", rows)
+        jobs = []
+        for first in range(0, len(groups), _WORLDS_PER_JOB):
+            places = range(first, min(first + _WORLDS_PER_JOB, len(groups)))
+            jobs.append(
+                partial(_write_worlds, data_folder, report, groups, places, links)
+            )
+        run_forked(jobs, lambda _: None)
     # The page's filters need the worlds of each band.
     data["bands"] = [
         {"name": band.name, "worlds": band.worlds} for band in report.overview.bands
     ]
+    data["orders"] = {
+        "hardest": report.order.worlds[::-1],
+        "contrast": order_by_contrast(report.entries, report.order),
+    }
+    data["pdf"] = {
+        figure.name: b64encode(figure.pdf).decode()
+        for figure in report.figures.values()
+        # The page's script draws the maps of all worlds.
+        if figure.name != "hardest"
+    }
     return render(
         "report.html",
         title=title,
@@ -339,19 +409,57 @@ def report_page(
         robot=sources[0].robot or "Jackal",
         first=results[0],
         leaders=bars,
+        markers={one["label"]: one["marker"] for one in data["entries"]},
         metric=ranking_measure(results).heading,
         notes=list_cautions(bars.worlds, report.entries),
-        tracks=sum(trial.track is not None for trial in report.trials),
+        tracks=sum(trial.has_track for trial in report.trials),
         moving=any(world.moving or world.walls for world in report.worlds.values()),
         data=data,
     )
+
+
+def _write_worlds(
+    folder: Path,
+    report: Report,
+    groups: Sequence[Sequence[int]],
+    places: Sequence[int],
+    links: Mapping[Path, str] | None,
+) -> None:
+    """Write the parts of the worlds at some places of all groups of positions."""
+    for place in places:
+        part = world_part(report.trials, groups[place], links)
+        _write_part(folder, f"world_{place}", part)
+
+
+def _write_part(folder: Path, name: str, content: object) -> None:
+    """Write a part of a page's data as a script, which a page of a disk can load."""
+    write_page(folder / f"{name}.js", f'receive("{name}",{script_json(content)});\n')
+
+
+def write_report(
+    report: Report, out: Path, title: str, links: Mapping[Path, str] | None = None
+) -> None:
+    """Write the page of a report, with its data in OUT_data if it has many trials.
+
+    Args:
+        report: What `build_report` has computed.
+        out: The page.
+        title: Title of the page.
+        links: What `replay_links` returns.
+    """
+    folder = out.with_name(f"{out.stem}_data")
+    # An earlier report's data would be taken for this one's.
+    for path in folder.glob("world_*.js"):
+        path.unlink()
+    data_folder = folder if len(report.trials) > MAX_TRIALS_IN_PAGE else None
+    write_page(out, report_page(report, title, links, data_folder))
 
 
 def write_assets(report: Report, folder: Path, width_mm: float | None = None) -> None:
     """Write each figure as NAME.svg and NAME.pdf, each table as NAME.csv and NAME.tex.
 
     Args:
-        report: Its tables, and its figures if they were drawn as PDF too.
+        report: Its tables and figures.
         folder: Folder of the files.
         width_mm: Width of the figures in a paper. By default they are those of the
             page.
@@ -366,7 +474,6 @@ def write_assets(report: Report, folder: Path, width_mm: float | None = None) ->
                 finish_chart,
                 CHARTS[figure.name],
                 report,
-                pdf=True,
                 width_mm=width_mm,
             )
             for figure in figures

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 from barn_eval.analysis.entries import Entry
 from barn_eval.analysis.measures import MEASURES, SHOWN, with_moving_measures
 from barn_eval.analysis.sources import Source, read_worlds
+from barn_eval.pages.figures import DASHES, look_numbers
 from barn_eval.pages.replay.payload import (
     MAX_MILLIMETERS_M,
     Arrays,
@@ -41,15 +43,36 @@ _COLUMNS = {"planner": None, "world": 0, "trial": 0, "outcome": None}
 class DrivenTrial:
     """A trial as pages draw it."""
 
-    position: int
-    """Position among all trials of the report."""
-
     entry: Entry
     result: TrialResult
-    track: Track | None
 
-    problem: str = ""
-    """What is missing and why; empty if track and world are available."""
+    world: World | str
+    """Its world, or why that is missing."""
+
+    @property
+    def has_track(self) -> bool:
+        """Whether a track was kept, even if it is damaged."""
+        return self.result.trial_id in self.entry.source.tracks
+
+    @cached_property
+    def _recorded(self) -> Track | str:
+        """The track, or why there is none; read when first asked for."""
+        source = self.entry.source
+        recorded = read_track(source, self.result)
+        if isinstance(recorded, str) or isinstance(self.world, str):
+            return recorded
+        return _add_moving_clearance(recorded, self.result, self.world, source.outline)
+
+    @property
+    def track(self) -> Track | None:
+        """The track; None if there is none that can be read."""
+        return None if isinstance(self._recorded, str) else self._recorded
+
+    @property
+    def problem(self) -> str:
+        """What is missing and why; empty if track and world are available."""
+        parts = (self.world, self._recorded)
+        return "; ".join(part for part in parts if isinstance(part, str))
 
     @property
     def poses(self) -> Floats:
@@ -67,22 +90,16 @@ class DrivenTrial:
 def read_trials(
     entries: Sequence[Entry],
 ) -> tuple[list[DrivenTrial], dict[str, World]]:
-    """Read tracks and worlds of all trials; return both, the worlds by checksum.
+    """Return all trials, whose tracks are read on demand, and worlds by checksum.
 
     Trials are in the order of the entries. Worlds that cannot be read are left out.
     """
     trials = [(entry, result) for entry in entries for result in entry.results]
     worlds = read_worlds((result, entry.source) for entry, result in trials)
     driven_trials = []
-    for position, (entry, result) in enumerate(trials):
+    for entry, result in trials:
         world = worlds[result.world_checksum]
-        recorded = read_track(entry.source, result)
-        # Texts say why world or track are missing.
-        problem = "; ".join(part for part in (world, recorded) if isinstance(part, str))
-        track = None if isinstance(recorded, str) else recorded
-        if track is not None and isinstance(world, World):
-            track = _add_moving_clearance(track, result, world, entry.source.outline)
-        driven_trials.append(DrivenTrial(position, entry, result, track, problem))
+        driven_trials.append(DrivenTrial(entry, result, world))
     available = {
         key: world for key, world in worlds.items() if isinstance(world, World)
     }
@@ -129,7 +146,7 @@ def _add_moving_clearance(
     # The last channel is the clearance, NaN where there are no cylinders: fmin
     # ignores that.
     samples[:, -1] = np.fmin(samples[:, -1], gaps)
-    return replace(track, samples=samples)
+    return replace(track, samples=samples, content=None)
 
 
 def make_scene(source: Source, world: World) -> TrialScene:
@@ -161,21 +178,30 @@ def make_scene_if_known(source: Source, world: World) -> TrialScene:
         return scene_of(world)
 
 
-def trial_data(
+def positions_by_world(trials: Sequence[DrivenTrial]) -> dict[str, list[int]]:
+    """Return positions of trials by the checksum of their world."""
+    positions: dict[str, list[int]] = {}
+    for position, trial in enumerate(trials):
+        positions.setdefault(trial.result.world_checksum, []).append(position)
+    return positions
+
+
+def page_data(
     entries: Sequence[Entry],
     trials: Sequence[DrivenTrial],
-    worlds: Mapping[str, World],
-    links: Mapping[Path, str] | None = None,
     keys: Sequence[str] = (),
-) -> dict[str, Any]:
-    """Return data for the report page's script: table rows, tracks and worlds.
+) -> tuple[dict[str, Any], list[list[Any]]]:
+    """Return data for the report page's script, and a row of its table per trial.
 
     Args:
         entries: Planners of the report.
         trials: All their trials in the order of the entries.
-        worlds: Available worlds by checksum.
-        links: Address of each trial's replay by the path of its bag.
         keys: Keys of the measures in the table. By default the usual ones.
+
+    Returns:
+        What is the same for all trials. A row has the trial's name, the positions of
+        its planner and its world, how it ended, and the cells of the table but for the
+        planner.
     """
     results = [trial.result for trial in trials]
     measure_keys = keys or with_moving_measures(SHOWN["report trials"], results)
@@ -194,80 +220,97 @@ def trial_data(
             }
         )
 
-    entry_data = [
-        {
-            "label": entry.label,
-            "color": entry.color,
-            "folder": str(entry.source.path),
-        }
-        for entry in entries
-    ]
+    entry_data = []
+    for entry, number in zip(
+        entries, look_numbers([entry.color for entry in entries]), strict=True
+    ):
+        dashes = DASHES[number]
+        entry_data.append(
+            {
+                "label": entry.label,
+                "color": entry.color,
+                "folder": str(entry.source.path),
+                "marker": number,
+                # A line without gaps is named by a text.
+                "dash": [] if isinstance(dashes, str) else dashes[1],
+            }
+        )
     numbers = {entry: number for number, entry in enumerate(entries)}
+    worlds: dict[str, str] = {}
+    for result in results:
+        worlds.setdefault(result.world_checksum, result.world_name)
+    places = {checksum: place for place, checksum in enumerate(worlds)}
     rows = []
-    sources = {}
     for trial in trials:
-        rows.append(_trial_row(trial, numbers[trial.entry], links or {}, measure_keys))
-        sources[trial.result.world_checksum] = trial.entry.source
-    world_data = {
-        checksum: _world_data(world, sources.get(checksum))
-        for checksum, world in worlds.items()
-    }
-    return {
+        result = trial.result
+        row: list[Any] = [
+            result.trial_id,
+            numbers[trial.entry],
+            places[result.world_checksum],
+            result.detail,
+            result.world,
+            result.repetition + 1,
+            result.outcome.value,
+        ]
+        for key in measure_keys:
+            value = MEASURES[key].value(result)
+            # More digits than any column shows would only make the page larger.
+            row.append(None if value is None else round(value, 4))
+        rows.append(row)
+    data = {
         "columns": columns,
         "entries": entry_data,
-        "trials": rows,
-        "worlds": world_data,
+        "worlds": list(worlds.values()),
         "channels": CHANNELS,
         "no_number": MISSING_SAMPLE,
         "outline": entries[0].source.outline.plain(),
     }
+    return data, rows
 
 
-def _trial_row(
-    trial: DrivenTrial, number: int, links: Mapping[Path, str], keys: Sequence[str]
+def world_part(
+    trials: Sequence[DrivenTrial],
+    positions: Sequence[int],
+    links: Mapping[Path, str] | None = None,
 ) -> dict[str, Any]:
-    """Return a trial's row of the page's table as JSON data, its track packed in it.
+    """Return a world and what is recorded of its trials, for the page's script.
 
-    `number` is the position of its entry; `keys` are those of the table's measures.
+    Args:
+        trials: All trials of the report.
+        positions: Positions of those in the world.
+        links: Address of each trial's replay by the path of its bag.
     """
+    first = trials[positions[0]]
+    world = None
+    if isinstance(first.world, World):
+        world = _world_data(first.world, first.entry.source)
+    records = {p: _trial_record(trials[p], links or {}) for p in positions}
+    return {"world": world, "trials": records}
+
+
+def _trial_record(trial: DrivenTrial, links: Mapping[Path, str]) -> dict[str, Any]:
+    """Return what is recorded of a trial as JSON data, its track packed."""
     result = trial.result
     bag = trial.entry.source.bag(result.trial_id)
-    cells: list[Any] = [
-        trial.entry.label,
-        result.world,
-        result.repetition + 1,
-        result.outcome.value,
-    ]
-    for key in keys:
-        value = MEASURES[key].value(result)
-        # More digits than any column shows would only make the page larger.
-        cells.append(None if value is None else round(value, 4))
-
     # JavaScript has no whole numbers beyond 53 bits, so seeds are texts.
     seeds = (result.campaign_seed, result.simulator_seed, result.planner_seed)
-    row = {
-        "id": result.trial_id,
-        "entry": number,
-        "checksum": result.world_checksum,
-        "name": result.world_name,
-        "detail": result.detail,
+    record: dict[str, Any] = {
         "seeds": [str(seed) for seed in seeds],
         "problem": trial.problem,
         "bag": str(bag) if bag.exists() else "",
         "replay": links.get(bag, ""),
-        "cells": cells,
         "track": None if trial.track is None else trial.track.packed,
     }
     if result.motion is not None:
-        row["phase"] = result.motion.phase_s
-        row["touched"] = result.motion.touched
-    return row
+        record["phase"] = result.motion.phase_s
+        record["touched"] = result.motion.touched
+    return record
 
 
-def _world_data(world: World, source: Source | None) -> dict[str, Any]:
+def _world_data(world: World, source: Source) -> dict[str, Any]:
     """Return a world for the page's script, in whole millimeters where it fits.
 
-    Start and goal are by the protocol of `source`; without it, there are none.
+    Start and goal are by the protocol of `source`.
     """
     arrays: Arrays = {
         "cylinders": world.cylinders_m.astype("f4"),
@@ -279,10 +322,7 @@ def _world_data(world: World, source: Source | None) -> dict[str, Any]:
         for name, values in arrays.items():
             arrays[name] = np.round(1000.0 * values).astype("i2")
 
-    # A world without a known course is drawn without start and goal.
-    ends = np.empty((0, 2))
-    if source is not None:
-        ends = make_scene_if_known(source, world).ends_m()
+    ends = make_scene_if_known(source, world).ends_m()
     data: dict[str, Any] = {
         "radius": world.cylinder_radius_m,
         "bounds": list(world.bounds_m),

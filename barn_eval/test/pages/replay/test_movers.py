@@ -23,7 +23,7 @@ from barn_eval.pages.replay.page import list_facts, replay_page
 from barn_eval.pages.replay.payload import bounds, make_payload
 from barn_eval.pages.report.maps import overlay
 from barn_eval.pages.report.page import build_report, report_page
-from barn_eval.pages.report.trials import trial_data
+from barn_eval.pages.report.trials import page_data, world_part
 from barn_eval.results.bags.movers import RecordedMotions, compute_gaps
 from barn_eval.results.bags.recorded import read_recorded_trial
 from barn_eval.results.folder import read_results
@@ -189,7 +189,8 @@ def test_pictures_and_films_show_what_moves(bag, tmp_path):
 
 def test_a_report_has_moving_measures_and_clearances(folder, world):
     report = build_report([folder])
-    data = trial_data(report.entries, report.trials, report.worlds)
+    data, rows = page_data(report.entries, report.trials)
+    part = world_part(report.trials, range(len(report.trials)))
     names = [column["name"] for column in data["columns"]]
     assert {
         "moving_clearance_m",
@@ -198,15 +199,18 @@ def test_a_report_has_moving_measures_and_clearances(folder, world):
         "hit_robot_share",
         "hit_closing_mps",
     } <= set(names)
-    for trial, result in zip(data["trials"], read_results(folder), strict=True):
+    trials = part["trials"].values()
+    for row, trial, result in zip(rows, trials, read_results(folder), strict=True):
         assert (trial["phase"], trial["touched"]) == (
             result.motion.phase_s,
             result.motion.touched,
         )
-        assert trial["cells"][names.index("near_s")] == pytest.approx(
+        # Name, planner, world and detail come before the cells but the first.
+        assert row[3 + names.index("near_s")] == pytest.approx(
             result.motion.near_s, abs=1e-4
         )
-    assert data["worlds"][world.checksum]["moving"]["powers"] == 4
+    assert report.trials[0].result.world_checksum == world.checksum
+    assert part["world"]["moving"]["powers"] == 4
     for driven_trial in report.trials:
         nearest = driven_trial.track.samples[:, -1].min()
         assert nearest == pytest.approx(

@@ -19,7 +19,7 @@ from barn_eval.pages.report.page import draw, plot
 from barn_eval.pages.template import render
 from barn_eval.trials.protocol import CHALLENGE
 from barn_worlds.datasets.dataset import open_dataset
-from barn_worlds.drawing.palette import FAINT, INK, PLANNERS
+from barn_worlds.drawing.palette import FAINT, INK, ON_DARK
 
 SHOWN = [
     chart for chart in CHARTS.values() if chart.name != "sweep"
@@ -44,12 +44,12 @@ def test_trials_without_a_track_say_so(report):
 
 def test_planners_have_the_colors_of_the_page_in_its_figures(report):
     svg = report.figures["worlds"].element
-    color = report.entries[0].color.lower()
+    color = report.entries[0].color
     assert f"var(--c-{color[1:]}, {color})" in svg
     assert "currentColor" in svg
     style = render("colors.css")
     dark = style[style.index("@media screen and (prefers-color-scheme: dark)") :]
-    assert all(f"--c-{color[1:].lower()}: #" in dark for color in PLANNERS)
+    assert all(f"--c-{color[1:]}: #" in dark for color in ON_DARK)
 
 
 def test_differences_favor_the_planner_named_on_their_side(report):
@@ -136,12 +136,14 @@ def test_a_figure_that_there_is_nothing_for_is_refused(report):
     assert set(CHARTS) == {*report.figures, "sweep"}
 
 
-def test_the_hardest_worlds_are_shown_from_start_to_goal(report):
-    axes = plot("hardest", report.entries)[0]
+@pytest.mark.parametrize("name", ["hardest", "trails"])
+def test_worlds_are_shown_from_start_to_goal(report, name):
+    axes = plot(name, report.entries)[0]
     number = int(re.match(r"world (\d+)", axes.get_title(loc="left"))[1])
     course = CHALLENGE.course(open_dataset("barn300").load(number))
     (left, right), (below, above) = axes.get_xlim(), axes.get_ylim()
-    for marker, pose in (("o", course.start), ("*", course.goal)):
-        (line,) = (line for line in axes.lines if line.get_marker() == marker)
+    for label, pose in (("start", course.start), ("goal", course.goal)):
+        # Trails end with the planner's marker, which may be the same.
+        line = next(line for line in axes.lines if line.get_label() == label)
         assert tuple(line.get_xydata()[0]) == (pose.x, pose.y)
         assert left < pose.x < right and below < pose.y < above

@@ -26,16 +26,13 @@ FILTERS = {
     ),
     "nothing": ({"search": "no such"}, lambda result: False),
 }
-NUMBERS = "map((one) => Number(one.id.split('-')[2]))"
-SHOWN = (
-    f"(all) => all.filter((one) => getComputedStyle(one).display !== 'none').{NUMBERS}"
-)
-FAINT = f"(all) => all.filter((one) => getComputedStyle(one).opacity < 1).{NUMBERS}"
+WORLDS = "(all) => all.map((one) => Number(one.dataset.world))"
+DRAWN = "[...document.querySelectorAll('#maps figure')].every((one) => one.dataset.drawn !== undefined)"
 
 
 @pytest.fixture(scope="module")
 def report(folder):
-    return build_report([folder], hardest=8)
+    return build_report([folder], hardest=0)
 
 
 @pytest.fixture(scope="module")
@@ -55,21 +52,25 @@ def choose(page, values):
 
 
 def trajectories(page):
-    """Return the places of the trials whose trajectories are seen."""
-    return set(page.locator("[id^=hardest-trial-]").evaluate_all(SHOWN))
+    """Return the places of the trials whose trajectories are on the maps."""
+    page.locator("#maps").evaluate("(one) => one.scrollIntoView()")
+    page.wait_for_function(DRAWN)
+    maps = page.locator("#maps figure")
+    texts = maps.evaluate_all("(all) => all.map((one) => one.dataset.drawn)")
+    return {int(place) for text in texts for place in text.split()}
 
 
 def test_trials_shown_are_those_left_and_figures_those_of_all(report, file, open_page):
     page = open_page(file)
     figures = page.locator(
-        "figure:not(#figure-hardest) svg, section > .wide table:not(#trials), .verdict, .bars"
+        "figure svg, section > .wide table:not(#trials), .verdict, .bars"
     )
     before = figures.evaluate_all("(all) => all.map((one) => one.outerHTML)")
     assert len(before) > 10
     for values, keep in FILTERS.values():
         page.click("#filter-reset")
         choose(page, values)
-        left = {drive.position for drive in report.trials if keep(drive.result)}
+        left = {p for p, drive in enumerate(report.trials) if keep(drive.result)}
         count = (
             f"{len(left)} of {len(report.trials)} trials" if left else "no such trial"
         )
@@ -77,38 +78,30 @@ def test_trials_shown_are_those_left_and_figures_those_of_all(report, file, open
         ids = page.locator("#trials tbody tr").evaluate_all(
             "(rows) => rows.map((row) => row.dataset.trial)"
         )
-        assert ids == [
-            drive.result.trial_id for drive in report.trials if drive.position in left
-        ]
-        assert (
-            trajectories(page)
-            == {drive.position for drive in report.trials if drive.track is not None}
-            & left
-        )
+        assert ids == [report.trials[place].result.trial_id for place in sorted(left)]
+        assert trajectories(page) == {
+            p for p in left if report.trials[p].track is not None
+        }
         worlds = {report.trials[place].result.world for place in left}
-        map_worlds = {drive.result.world for drive in report.trials}
-        assert (
-            set(page.locator("[id^=hardest-world-]").evaluate_all(FAINT))
-            == map_worlds - worlds
-        )
+        order = [w for w in report.order.worlds[::-1] if w in worlds]
+        assert page.locator("#maps figure").evaluate_all(WORLDS) == order
     assert figures.evaluate_all("(all) => all.map((one) => one.outerHTML)") == before
 
 
-def test_paper_and_a_filter_taken_back_show_all(report, file, open_page):
+def test_maps_come_in_the_order_chosen_and_open_trials(report, file, open_page):
     page = open_page(file)
-    tracks = {drive.position for drive in report.trials if drive.track is not None}
+    tracks = {p for p, drive in enumerate(report.trials) if drive.track is not None}
     assert trajectories(page) == tracks
-    choose(page, {"search": "r01"})
-    assert (
-        trajectories(page)
-        == {place for place in tracks if report.trials[place].result.repetition == 1}
-        != tracks
-    )
-    page.emulate_media(media="print")
-    assert trajectories(page) == tracks
-    page.emulate_media(media="screen")
-    page.click("#filter-reset")
-    assert trajectories(page) == tracks
+    worlds = page.locator("#maps figure")
+    page.select_option("#sort-maps", "number")
+    assert worlds.evaluate_all(WORLDS) == sorted(report.order.worlds)
+    page.select_option("#sort-maps", "contrast")
+    first = next(iter(report.contrast))
+    assert first in worlds.evaluate_all(WORLDS)
+    page.locator(f"#maps figure[data-world='{first}'] canvas").press("Enter")
+    page.wait_for_selector("body[data-opened]")
+    opened = page.evaluate("document.body.dataset.opened")
+    assert f"_w{first:04d}_" in opened
 
 
 def test_a_band_of_difficulty_can_be_chosen(report, file, open_page):

@@ -28,17 +28,20 @@ from barn_eval.analysis.summary import make_bars
 from barn_eval.analysis.text_table import TextTable, latex_text
 from barn_eval.api.results import report as write_folders
 from barn_eval.commands.run import command as run_command
+from barn_eval.pages.figures import DASHES, MARKERS
 from barn_eval.pages.latex import latex_table
 from barn_eval.pages.report import page as report_module
-from barn_eval.pages.report.page import build_report, report_page, write_assets
-from barn_eval.pages.report.trials import trial_data
-from barn_eval.pages.template import script_json
+from barn_eval.pages.report.charts import CHARTS
+from barn_eval.pages.report.page import build_report, draw, report_page, write_assets
+from barn_eval.pages.report.trials import page_data, world_part
+from barn_eval.pages.template import script_json, themed
 from barn_eval.results.folder import read_results
 from barn_eval.results.tracks import MISSING_SAMPLE
 from barn_eval.running.request import read_request
 from barn_eval.trials.run_config import RunConfig
 from barn_worlds.base.config import as_dict
 from barn_worlds.datasets.dataset import open_dataset
+from barn_worlds.drawing.palette import PLANNERS
 
 
 @pytest.fixture(scope="module")
@@ -95,6 +98,7 @@ def test_figures_are_those_of_the_statistics(report, folder, tmp_path):
         "paired",
         "distributions",
         "compute",
+        "trails",
         "hardest",
     ):
         assert {f"{name}.svg", f"{name}.pdf"} <= names
@@ -248,7 +252,8 @@ def test_columns_of_tables_are_those_chosen(folder, rejected):
         "mean speed [m/s]",
         "success [%]",
     )
-    data = trial_data(report.entries, report.trials, {}, keys=report.columns)
+    data, rows = page_data(report.entries, report.trials, report.columns)
+    assert len(rows) == len(report.trials)
     assert [column["name"] for column in data["columns"][4:]] == keys
     with refused("unknown measure 'mean_sped_mps'; did you mean 'mean_speed_mps'"):
         build_report([folder], columns=["mean_sped_mps"])
@@ -260,13 +265,17 @@ def test_a_trial_with_a_bag_links_to_its_replay(folder, report, tmp_path):
     out = pages / "report.html"
     write_folders([folder], out, hardest=0, replays=pages / "replays")
     text = re.search(r'id="data">(.*?)</script>', out.read_text("utf-8"))[1]
-    trials = json.loads(text)["trials"]
-    linked = {trial["id"]: trial["replay"] for trial in trials if trial["replay"]}
+    parts = json.loads(text)["parts"]
+    linked = {}
+    for position, (name, _, place, *_) in enumerate(parts["trials"]):
+        replay = parts[f"world_{place}"]["trials"][str(position)]["replay"]
+        if replay:
+            linked[name] = replay
     assert linked.keys() == {path.name for path in (folder / "bags").iterdir()}
     for page in linked.values():
         assert "Plan view of the trial" in (pages / page).read_text("utf-8")
-    trials = trial_data(report.entries, report.trials, {})["trials"]
-    assert not any(trial["replay"] for trial in trials)
+    part = world_part(report.trials, range(len(report.trials)))
+    assert not any(trial["replay"] for trial in part["trials"].values())
 
 
 # What a trial without motion has no number for.
@@ -482,3 +491,61 @@ def test_a_report_made_by_several_processes_is_the_same(folder, tmp_path, monkey
         report_module, "run_forked", lambda jobs, progress: [job() for job in jobs]
     )
     assert files("one", lambda share: None) == several
+
+
+def test_many_trials_are_in_scripts_beside_the_page(
+    folder, tmp_path, monkeypatch, open_page
+):
+    monkeypatch.setattr(report_module, "MAX_TRIALS_IN_PAGE", 31)
+    out = tmp_path / "so %41.html"
+    write_folders([folder], out)
+    parts = {path.name for path in (tmp_path / "so %41_data").iterdir()}
+    assert parts == {"trials.js", *(f"world_{place}.js" for place in range(8))}
+    assert '"track"' not in out.read_text("utf-8")
+    assert not any("<" in path.read_text() for path in out.parent.rglob("*.js"))
+    page = open_page(out)
+    page.click("tr[data-trial=gap_w0000_r00]")
+    page.wait_for_selector("body[data-opened=gap_w0000_r00]")
+    assert page.evaluate("window.report.view.player.time") > 5.0
+    assert page.evaluate("window.evil") is None
+    monkeypatch.setattr(report_module, "MAX_TRIALS_IN_PAGE", 32)
+    write_folders([folder], out)
+    assert [path.name for path in (tmp_path / "so %41_data").iterdir()] == ["trials.js"]
+
+
+def test_figures_show_values_open_trials_and_are_saved(page, open_page, tmp_path):
+    file = tmp_path / "report.html"
+    file.write_text(page, "utf-8")
+    browser_page = open_page(file)
+    dots = browser_page.locator("#figure-worlds [data-tips] use")
+    dots.first.hover()
+    assert browser_page.locator("#tip").text_content().startswith("gap, world 0: 2.0")
+    dots.first.click()
+    browser_page.wait_for_selector("body[data-opened=gap_w0000_r00]")
+    browser_page.click("#trial-after")
+    browser_page.wait_for_selector("body[data-opened=gap_w0000_r01]")
+    browser_page.click("#close")
+    bars = browser_page.locator("#figure-outcomes [data-tips]:nth-of-type(2) path")
+    assert bars.count()
+    for kind, begin in (("svg", b"<svg"), ("pdf", b"%PDF"), ("png", b"\x89PNG")):
+        with browser_page.expect_download() as download:
+            browser_page.click(f"#figure-trails [data-save={kind}]")
+        content = download.value.path().read_bytes()
+        assert content.startswith(begin)
+        assert b"var(" not in content or kind != "svg"
+
+
+def test_planners_have_one_mark_in_bars_legends_and_figures(report, page):
+    numbers = report.look_numbers
+    assert [look["marker"] for look in report.looks] == [MARKERS[n] for n in numbers]
+    data, _ = page_data(report.entries, report.trials)
+    assert [entry["marker"] for entry in data["entries"]] == numbers
+    for entry, number in zip(report.entries, numbers, strict=True):
+        mark = f'<span class="dot marker-{number}" style="background: {themed(entry.color)}">'
+        assert f"{mark}</span>{entry.label}" in page
+    (axes,) = draw(CHARTS["trade"], report)
+    legend = axes.get_figure(root=True).legends[0]
+    assert [line.get_marker() for line in legend.get_lines()] == [
+        MARKERS[n] for n in numbers
+    ]
+    assert len({*MARKERS}) == len({*map(str, DASHES)}) == len(PLANNERS)
