@@ -251,7 +251,8 @@ def unique_svg(figure: Figure, name: str, description: str) -> str:
     text = text[text.index("<svg") :]
     # Equal clip paths have equal identifiers in all figures of a page.
     text = re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{name}-", text)
-    text = text.replace(f'id="{name}-{_TIPS}', 'data-tips="')
+    # A text with quotes has gone between the other ones.
+    text = re.sub(rf"""\bid=(["'])(?:{name}-)?{_TIPS}""", r"data-tips=\1", text)
     # It names the program that drew the figure, which no page shows.
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.S)
     label = f'<svg role="img" aria-label="{escape(description)}"'

@@ -169,7 +169,7 @@ class TrialTable {
       row.append(made);
     });
     row.addEventListener("click", () => this.open(index));
-    row.addEventListener("keydown", (event) => { if (event.key === "Enter") this.open(index); });
+    row.addEventListener("keydown", (event) => { if (event.key === "Enter") { event.preventDefault(); this.open(index); } });
     return row;
   }
 }
@@ -351,7 +351,7 @@ class Maps {
     canvas.addEventListener("pointermove", (event) => this.point(map, event));
     canvas.addEventListener("pointerleave", () => { tip.hide(); this.mark(map, null); });
     canvas.addEventListener("click", (event) => this.open(this.nearest(map, event) ?? rows[0]));
-    canvas.addEventListener("keydown", (event) => { if (event.key === "Enter") this.open(rows[0]); });
+    canvas.addEventListener("keydown", (event) => { if (event.key === "Enter") { event.preventDefault(); this.open(rows[0]); } });
     this.seen.observe(map);
     return map;
   }
