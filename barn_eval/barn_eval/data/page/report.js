@@ -545,6 +545,7 @@ class Figures {
 
 async function start() {
   const data = JSON.parse(byId("data").textContent), parts = new Parts(data);
+  data.columns = data.columns.map(([name, title, unit, digits]) => ({ name, title, unit, digits }));
   const rows = await parts.get("trials");
   data.trials = rows.map(([id, entry, place, detail, ...cells]) => ({ id, entry, place, detail, world: cells[0], repetition: cells[1], outcome: cells[2], cells: [data.entries[entry].label, ...cells] }));
   const view = new TrialView(data, parts);

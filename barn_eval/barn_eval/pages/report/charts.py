@@ -1,7 +1,7 @@
 """The charts of a report, each drawn onto given axes."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
 from textwrap import fill
@@ -69,9 +69,6 @@ _PAPER_HEIGHT = 0.55
 _PAPER_STRIP_HEIGHT = 0.9
 
 
-MappedWorlds = Mapping[int, tuple[World, Sequence[DrivenTrial]]]
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ChartData:
     """What charts are drawn from."""
@@ -82,16 +79,21 @@ class ChartData:
     compute_overview: Callable[[], Overview]
     """Computes what `overview` is."""
 
-    hardest: MappedWorlds = field(default_factory=dict)
-    """The hardest worlds with their trials, by number, hardest first."""
+    compute_trials: Callable[[], tuple[list[DrivenTrial], dict[str, World]]]
+    """Reads what `driven` is."""
 
-    contrast: MappedWorlds = field(default_factory=dict)
-    """The world in which planners differ most with its trials, by number."""
+    hardest: int
+    """Number of the hardest worlds that are drawn as maps."""
 
     @cached_property
     def overview(self) -> Overview:
         """Intervals and comparisons of the entries, computed when first asked for."""
         return self.compute_overview()
+
+    @cached_property
+    def driven(self) -> tuple[list[DrivenTrial], dict[str, World]]:
+        """All trials by entry, and available worlds by checksum; read when needed."""
+        return self.compute_trials()
 
     @property
     def look_numbers(self) -> list[int]:

@@ -11,18 +11,12 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from barn_eval.analysis.difficulty import TIME, WorldOrder, results_by_world
+from barn_eval.analysis.difficulty import WorldOrder, results_by_world
 from barn_eval.analysis.entries import Entry, read_entries
 from barn_eval.analysis.measures import ranking_measure
 from barn_eval.analysis.text_table import count_noun
 from barn_eval.pages.figures import add_tips, new_figure, plain_text
-from barn_eval.pages.report.charts import (
-    ChartData,
-    MakePanels,
-    MappedWorlds,
-    Panels,
-    chart,
-)
+from barn_eval.pages.report.charts import ChartData, MakePanels, Panels, chart
 from barn_eval.pages.report.trials import (
     DrivenTrial,
     make_scene,
@@ -65,25 +59,25 @@ _MIN_ARROW_M = 0.3
 def order_by_contrast(entries: Sequence[Entry], order: WorldOrder) -> list[int]:
     """Return world numbers, that first in which the planners' means differ most.
 
-    They differ by the measure that ranks, then by time per meter; then harder worlds
-    come first.
+    They differ by the measure that ranks; of equal ones the harder world comes first.
     """
     groups = [results_by_world(entry.results) for entry in entries]
-    contrasts = {}
-    for world in order.worlds:
-        contrast = []
-        for measure in (ranking_measure(entries[0].results), TIME):
-            means = [measure.values(g[world]).mean() for g in groups if world in g]
-            contrast.append(float(np.nan_to_num(np.ptp(means))))
-        contrasts[world] = contrast
+    measure = ranking_measure(entries[0].results)
+
+    def contrast(world: int) -> float:
+        """Return the difference of the best and the worst planner in a world."""
+        means = [measure.values(g[world]).mean() for g in groups if world in g]
+        return float(np.nan_to_num(np.ptp(means)))
+
+    # Of equal worlds the first stays first.
     worlds = list(order.worlds[::-1])
-    worlds.sort(key=lambda world: contrasts[world], reverse=True)
+    worlds.sort(key=contrast, reverse=True)
     return worlds
 
 
 def select_worlds(
     numbers: Iterable[int],
-    trials: Sequence[DrivenTrial],
+    trials: Iterable[DrivenTrial],
     worlds: Mapping[str, World],
     count: int,
 ) -> dict[int, tuple[World, list[DrivenTrial]]]:
@@ -113,19 +107,27 @@ def select_worlds(
 @chart("The trails of all planners in the world where they differ most")
 def _trails(data: ChartData, make_panels: MakePanels) -> Sequence[Line2D]:
     """Draw a map of one world with tracks of all planners; return legend entries."""
+    trials, worlds = data.driven
+    numbers = order_by_contrast(data.entries, data.order)
+    tracked = [trial for trial in trials if trial.has_track]
     layout = Panels(0.0, width_in=_MAP_IN + _LEGEND_IN, is_legend_beside=True)
-    return _draw_maps(data, data.contrast, make_panels, layout)
+    selection = select_worlds(numbers, tracked, worlds, 1)
+    return _draw_maps(data, selection, make_panels, layout)
 
 
 @chart("The hardest worlds with trajectories of all planners")
 def _hardest(data: ChartData, make_panels: MakePanels) -> Sequence[Line2D]:
     """Draw a map of each hardest world with tracks in it; return legend entries."""
     layout = Panels(0.0, _MAPS_PER_ROW, width_in=_MAPS_WIDTH_IN)
-    return _draw_maps(data, data.hardest, make_panels, layout)
+    selection = select_worlds(reversed(data.order.worlds), *data.driven, data.hardest)
+    return _draw_maps(data, selection, make_panels, layout)
 
 
 def _draw_maps(
-    data: ChartData, worlds: MappedWorlds, make_panels: MakePanels, layout: Panels
+    data: ChartData,
+    worlds: Mapping[int, tuple[World, Sequence[DrivenTrial]]],
+    make_panels: MakePanels,
+    layout: Panels,
 ) -> Sequence[Line2D]:
     """Draw a map of each world with tracks of its trials; return legend entries.
 
@@ -137,7 +139,8 @@ def _draw_maps(
     corners = []
     ratios = []
     for world, trials in worlds.values():
-        low, high = _map_corners(world, trials)
+        scene = make_scene_if_known(trials[0].entry.source, world)
+        low, high = _map_corners(scene, world, trials)
         width, height = high - low
         corners.append((low, high))
         ratios.append(height / width)
@@ -171,12 +174,17 @@ def _draw_maps(
             markeredgewidth=2,
         ),
         Line2D([], [], color=FAINT, linestyle="--", label="shortest path"),
-        _legend_mark("start", color=START, marker="o", markersize=7),
-        _legend_mark("goal", color=GOAL, marker="*", markersize=13),
+        *_end_handles(),
     ]
     if any(world.moving for world, _ in worlds.values()):
         handles += motion_handles()
     return handles
+
+
+def _end_handles() -> list[Line2D]:
+    """Return legend entries of start and goal."""
+    start = _legend_mark("start", color=START, marker="o", markersize=7)
+    return [start, _legend_mark("goal", color=GOAL, marker="*", markersize=12)]
 
 
 def _legend_mark(label: str, **look: Any) -> Line2D:
@@ -184,9 +192,10 @@ def _legend_mark(label: str, **look: Any) -> Line2D:
     return Line2D([], [], label=label, linestyle="", **look)
 
 
-def _map_corners(world: World, trials: Sequence[DrivenTrial]) -> tuple[Floats, Floats]:
+def _map_corners(
+    scene: TrialScene, world: World, trials: Sequence[DrivenTrial]
+) -> tuple[Floats, Floats]:
     """Return lower left and upper right corner of a world's map, each x, y [m]."""
-    scene = make_scene_if_known(trials[0].entry.source, world)
     left, bottom, right, top = world.bounds_m
     heights = [scene.ends_m()[:, 1], *(trial.poses[:, 1] for trial in trials)]
     if world.corner_m is not None:
@@ -196,7 +205,8 @@ def _map_corners(world: World, trials: Sequence[DrivenTrial]) -> tuple[Floats, F
     y = np.concatenate(heights)
     first, last = scene.path_m[[0, -1], 1]
     low = max(bottom, y.min(initial=first) - 0.8)
-    high = max(top, last, y.max(initial=top)) + 0.6
+    # The circle around the goal is in view up to its top.
+    high = max(top, last, y.max(initial=top)) + scene.goal_distance_m + 0.1
     trails = [trial.poses[:, :2] for trial in trials]
     return scene.view_m(np.array([left, low]), np.array([right, high]), *trails)
 
@@ -348,7 +358,7 @@ def overlay(
     entries = read_entries(folders)
     trials, world = select_trials(entries, world_number, planners, outcome)
     scene = make_scene(trials[0].entry.source, world)
-    low, high = _overlay_corners(scene, trials)
+    low, high = _map_corners(scene, world, trials)
     width, height = high - low
     side_in = _OVERLAY_SIDE_IN
     if world.corner_m is not None:
@@ -442,21 +452,6 @@ def _require_selection(
         )
 
 
-def _overlay_corners(
-    scene: TrialScene, trials: Sequence[DrivenTrial]
-) -> tuple[Floats, Floats]:
-    """Return lower left and upper right corner, x, y [m], of what an overlay shows."""
-    # The circle around the goal must be in view up to its top.
-    goal = scene.ends_m()[-1:] + [0.0, scene.goal_distance_m]
-    trails = [trial.poses[:, :2] for trial in trials]
-    points = np.vstack(
-        [scene.cylinders_m, scene.ends_m(), goal, *scene.boxes.outlines(), *trails]
-    )
-    low = points.min(axis=0) - 0.3
-    high = points.max(axis=0) + 0.3
-    return scene.view_m(low, high, *trails)
-
-
 def _draw_trial(
     axes: Axes, world: World, trial: DrivenTrial, by: str
 ) -> LineCollection:
@@ -488,8 +483,7 @@ def _overlay_handles(trials: Sequence[DrivenTrial], by: str) -> list[Line2D]:
             look |= {"linestyle": "", "marker": "s", "markerfacecolor": "none"}
         handles.append(Line2D([], [], **look))
     handles += [
-        _legend_mark("start", color=START, marker="o"),
-        _legend_mark("goal", color=GOAL, marker="*", markersize=11),
+        *_end_handles(),
         _legend_mark(
             "robot at both ends", color=INK, marker="s", markerfacecolor="none"
         ),

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
 from textwrap import fill
+from types import MappingProxyType
 from urllib.parse import quote
 
 from matplotlib.axes import Axes
 
-from barn_eval.analysis.difficulty import WorldOrder, order_worlds
+from barn_eval.analysis.difficulty import order_worlds
 from barn_eval.analysis.entries import Entry, read_entries
 from barn_eval.analysis.measures import ranking_measure, require_measures
 from barn_eval.analysis.overview import analyze, make_tables, reproduce
@@ -31,14 +32,8 @@ from barn_eval.pages.figures import (
 )
 from barn_eval.pages.latex import latex_table
 from barn_eval.pages.replay.page import replay_page
-from barn_eval.pages.report.charts import (
-    CHARTS,
-    Chart,
-    ChartData,
-    MappedWorlds,
-    Panels,
-)
-from barn_eval.pages.report.maps import order_by_contrast, select_worlds
+from barn_eval.pages.report.charts import CHARTS, Chart, ChartData, Panels
+from barn_eval.pages.report.maps import order_by_contrast
 from barn_eval.pages.report.processes import run_forked
 from barn_eval.pages.report.trials import (
     DrivenTrial,
@@ -59,7 +54,6 @@ TargetAxes = Axes | Sequence[Axes] | None
 DEFAULT_HARDEST = 8
 # A page with more trials has its data in scripts beside it.
 MAX_TRIALS_IN_PAGE = 2000
-_WORLDS_PER_JOB = 16
 _MAX_LEGEND_COLUMNS = 6
 _MM_PER_IN = 25.4
 
@@ -170,9 +164,6 @@ def plot(
         raise ConfigError(f"unknown figure {name!r}{suggest(name, CHARTS)}")
     require_width(width_mm)
     order = order_worlds(entries)
-    maps: dict[str, MappedWorlds] = {}
-    if name in ("hardest", "trails"):
-        maps = select_maps(entries, order, *read_trials(entries), DEFAULT_HARDEST)
     data = ChartData(
         entries=entries,
         order=order,
@@ -180,37 +171,14 @@ def plot(
         compute_overview=lambda: analyze(
             entries, order, lambda jobs: [job() for job in jobs]
         ),
-        **maps,
+        compute_trials=lambda: read_trials(entries),
+        hardest=DEFAULT_HARDEST,
     )
     with style(width_mm):
         panels = draw(CHARTS[name], data, ax, width_mm)
     if not panels:
         raise ConfigError(f"figure {name!r}: these results have nothing to show in it")
     return panels
-
-
-def select_maps(
-    entries: Sequence[Entry],
-    order: WorldOrder,
-    trials: Sequence[DrivenTrial],
-    worlds: Mapping[str, World],
-    hardest: int,
-) -> dict[str, MappedWorlds]:
-    """Return the worlds of each figure of maps with their trials.
-
-    Args:
-        entries: The planners.
-        order: Their worlds from easy to difficult.
-        trials: All their trials.
-        worlds: Available worlds by checksum.
-        hardest: Number of the hardest worlds.
-    """
-    tracked = [trial for trial in trials if trial.has_track]
-    numbers = order_by_contrast(entries, order)
-    return {
-        "hardest": select_worlds(order.worlds[::-1], trials, worlds, hardest),
-        "contrast": select_worlds(numbers, tracked, worlds, 1),
-    }
 
 
 def require_width(width_mm: float | None) -> None:
@@ -243,16 +211,21 @@ def finish_chart(
 class Report(ChartData):
     """Everything that a report shows."""
 
-    trials: Sequence[DrivenTrial]
-
-    worlds: Mapping[str, World]
-    """Available worlds by checksum."""
-
     columns: Sequence[str]
     """Keys of the measures in its tables; the usual ones if empty."""
 
     progress: Progress
     """Receives the share that is done, from 0 to 1."""
+
+    @property
+    def trials(self) -> Sequence[DrivenTrial]:
+        """All trials in the order of the entries."""
+        return self.driven[0]
+
+    @property
+    def worlds(self) -> Mapping[str, World]:
+        """Available worlds by checksum."""
+        return self.driven[1]
 
     @property
     def names(self) -> list[str]:
@@ -301,7 +274,7 @@ def build_report(
     keys = require_measures(columns)
     entries = tuple(read_entries(paths))
     require_same_task(expand_sweeps(paths))
-    trials, worlds = read_trials(entries)
+    driven = read_trials(entries)
     order = order_worlds(entries)
     overview = analyze(
         entries,
@@ -313,9 +286,8 @@ def build_report(
         entries=entries,
         order=order,
         compute_overview=lambda: overview,
-        **select_maps(entries, order, trials, worlds, hardest),
-        trials=trials,
-        worlds=worlds,
+        compute_trials=lambda: driven,
+        hardest=hardest,
         columns=keys,
         progress=progress,
     )
@@ -353,7 +325,7 @@ def replay_links(
 def report_page(
     report: Report,
     title: str,
-    links: Mapping[Path, str] | None = None,
+    links: Mapping[Path, str] = MappingProxyType({}),
     data_folder: Path | None = None,
 ) -> str:
     """Return the HTML page of a report, in which text from files is no markup.
@@ -378,12 +350,10 @@ def report_page(
     else:
         data["folder"] = quote(data_folder.name)
         _write_part(data_folder, "trials", rows)
-        jobs = []
-        for first in range(0, len(groups), _WORLDS_PER_JOB):
-            places = range(first, min(first + _WORLDS_PER_JOB, len(groups)))
-            jobs.append(
-                partial(_write_worlds, data_folder, report, groups, places, links)
-            )
+        jobs = [
+            partial(_write_world, data_folder, report, place, positions, links)
+            for place, positions in enumerate(groups)
+        ]
         run_forked(jobs, lambda _: None)
     # The page's filters need the worlds of each band.
     data["bands"] = [
@@ -404,31 +374,26 @@ def report_page(
         title=title,
         report=report,
         tables={table.name: table for table in report.tables},
-        paired=[table for table in report.tables if table.name.startswith("paired_")],
         sources=[(source, reproduce(source)) for source in sources],
         robot=sources[0].robot or "Jackal",
         first=results[0],
         leaders=bars,
-        markers={one["label"]: one["marker"] for one in data["entries"]},
         metric=ranking_measure(results).heading,
         notes=list_cautions(bars.worlds, report.entries),
-        tracks=sum(trial.has_track for trial in report.trials),
-        moving=any(world.moving or world.walls for world in report.worlds.values()),
         data=data,
     )
 
 
-def _write_worlds(
+def _write_world(
     folder: Path,
     report: Report,
-    groups: Sequence[Sequence[int]],
-    places: Sequence[int],
-    links: Mapping[Path, str] | None,
+    place: int,
+    positions: Sequence[int],
+    links: Mapping[Path, str],
 ) -> None:
-    """Write the parts of the worlds at some places of all groups of positions."""
-    for place in places:
-        part = world_part(report.trials, groups[place], links)
-        _write_part(folder, f"world_{place}", part)
+    """Write the part of the world at a place, with its trials' positions."""
+    part = world_part(report.trials, positions, links)
+    _write_part(folder, f"world_{place}", part)
 
 
 def _write_part(folder: Path, name: str, content: object) -> None:
@@ -437,7 +402,7 @@ def _write_part(folder: Path, name: str, content: object) -> None:
 
 
 def write_report(
-    report: Report, out: Path, title: str, links: Mapping[Path, str] | None = None
+    report: Report, out: Path, title: str, links: Mapping[Path, str]
 ) -> None:
     """Write the page of a report, with its data in OUT_data if it has many trials.
 

@@ -58,7 +58,7 @@ class DrivenTrial:
     def _recorded(self) -> Track | str:
         """The track, or why there is none; read when first asked for."""
         source = self.entry.source
-        recorded = read_track(source, self.result)
+        recorded = _read_track(source, self.result)
         if isinstance(recorded, str) or isinstance(self.world, str):
             return recorded
         return _add_moving_clearance(recorded, self.result, self.world, source.outline)
@@ -106,13 +106,8 @@ def read_trials(
     return driven_trials, available
 
 
-def read_track(source: Source, result: TrialResult) -> Track | str:
-    """Return the track of a trial, or a text that says why there is none.
-
-    Args:
-        source: The results folder.
-        result: The trial.
-    """
+def _read_track(source: Source, result: TrialResult) -> Track | str:
+    """Return the track of a trial, or a text that says why there is none."""
     line = source.tracks.get(result.trial_id)
     if line is None:
         return "no track of this trial was kept, so there is no trajectory to show"
@@ -205,20 +200,12 @@ def page_data(
     """
     results = [trial.result for trial in trials]
     measure_keys = keys or with_moving_measures(SHOWN["report trials"], results)
-    columns = [
-        {"name": name, "title": name, "unit": "", "digits": digits}
-        for name, digits in _COLUMNS.items()
-    ]
+    columns: list[tuple[Any, ...]] = []
+    for name, digits in _COLUMNS.items():
+        columns.append((name, name, "", digits))
     for key in measure_keys:
         measure = MEASURES[key]
-        columns.append(
-            {
-                "name": measure.key,
-                "title": measure.label,
-                "unit": measure.unit,
-                "digits": measure.digits,
-            }
-        )
+        columns.append((key, measure.label, measure.unit, measure.digits))
 
     entry_data = []
     for entry, number in zip(
@@ -258,6 +245,7 @@ def page_data(
             row.append(None if value is None else round(value, 4))
         rows.append(row)
     data = {
+        # Name, title, unit and digits, which a text has none of.
         "columns": columns,
         "entries": entry_data,
         "worlds": list(worlds.values()),
@@ -271,7 +259,7 @@ def page_data(
 def world_part(
     trials: Sequence[DrivenTrial],
     positions: Sequence[int],
-    links: Mapping[Path, str] | None = None,
+    links: Mapping[Path, str],
 ) -> dict[str, Any]:
     """Return a world and what is recorded of its trials, for the page's script.
 
@@ -284,7 +272,7 @@ def world_part(
     world = None
     if isinstance(first.world, World):
         world = _world_data(first.world, first.entry.source)
-    records = {p: _trial_record(trials[p], links or {}) for p in positions}
+    records = {p: _trial_record(trials[p], links) for p in positions}
     return {"world": world, "trials": records}
 
 

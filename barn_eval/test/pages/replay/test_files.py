@@ -131,7 +131,7 @@ def test_each_trial_is_drawn_in_its_planners_color(folder):
     assert len(lines) == 3
     shades = dict(zip(("gap", "dwa"), assign_colors(["gap", "dwa"]), strict=True))
     for line, trial in zip(lines, trials, strict=True):
-        assert to_hex(line.get_color()[0]).upper() == shades[trial.result.planner]
+        assert to_hex(line.get_color()[0]) == shades[trial.result.planner]
         text = trial.entry.source.tracks[trial.result.trial_id]
         places = parse_track_line(text, "")[1].samples[:, 1:3]
         drawn = np.array(line.get_segments())[:, 0]

@@ -190,8 +190,8 @@ def test_pictures_and_films_show_what_moves(bag, tmp_path):
 def test_a_report_has_moving_measures_and_clearances(folder, world):
     report = build_report([folder])
     data, rows = page_data(report.entries, report.trials)
-    part = world_part(report.trials, range(len(report.trials)))
-    names = [column["name"] for column in data["columns"]]
+    part = world_part(report.trials, range(len(report.trials)), {})
+    names = [name for name, *_ in data["columns"]]
     assert {
         "moving_clearance_m",
         "time_to_collision_s",

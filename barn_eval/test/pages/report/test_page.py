@@ -254,7 +254,7 @@ def test_columns_of_tables_are_those_chosen(folder, rejected):
     )
     data, rows = page_data(report.entries, report.trials, report.columns)
     assert len(rows) == len(report.trials)
-    assert [column["name"] for column in data["columns"][4:]] == keys
+    assert [name for name, *_ in data["columns"][4:]] == keys
     with refused("unknown measure 'mean_sped_mps'; did you mean 'mean_speed_mps'"):
         build_report([folder], columns=["mean_sped_mps"])
     assert "did you mean 'columns'" in rejected(f"report {folder} --set colums=success")
@@ -274,7 +274,7 @@ def test_a_trial_with_a_bag_links_to_its_replay(folder, report, tmp_path):
     assert linked.keys() == {path.name for path in (folder / "bags").iterdir()}
     for page in linked.values():
         assert "Plan view of the trial" in (pages / page).read_text("utf-8")
-    part = world_part(report.trials, range(len(report.trials)))
+    part = world_part(report.trials, range(len(report.trials)), {})
     assert not any(trial["replay"] for trial in part["trials"].values())
 
 
