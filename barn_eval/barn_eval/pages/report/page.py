@@ -125,6 +125,9 @@ def _new_panels(layout: Panels, width_mm: float | None) -> list[Axes]:
     if width_mm:
         layout = layout.fit_to(width_mm / _MM_PER_IN)
     figure = new_figure(layout.height_in, layout.width_in)
+    # A map that keeps its ratio needs room for the label that it moves.
+    if layout.is_legend_beside:
+        figure.set_layout_engine("constrained", w_pad=0.14)
     grid = figure.subplots(
         layout.rows,
         layout.columns,
