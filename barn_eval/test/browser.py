@@ -48,7 +48,7 @@ class Opened:
             **{"viewport": {"width": 1280, "height": 900}} | view
         )
         self._contexts.append(context)
-        context.set_default_timeout(20_000.0)
+        context.set_default_timeout(600_000.0)
         context.on("console", lambda message: self.written.append(message.text))
         context.on("weberror", lambda error: self.written.append(str(error.error)))
         context.on("request", lambda request: self.asked.add(request.url))

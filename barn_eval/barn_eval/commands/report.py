@@ -28,7 +28,9 @@ class ReportSettings(Checked):
     columns: str = quantity(
         "", "measures of the tables, columns of the results, such as success,challenge"
     )
-    hardest: int = quantity(DEFAULT_HARDEST, "hardest worlds in their figure", "", 0, 40)
+    hardest: int = quantity(
+        DEFAULT_HARDEST, "hardest worlds in their figure", "", 0, 40
+    )
     title: str = quantity("", "title of the page")
     width_mm: float = quantity(
         0.0, "width of figures in OUT_assets, 0 for that of the page", "mm", minimum=0.0

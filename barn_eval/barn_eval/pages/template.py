@@ -4,6 +4,7 @@ import json
 from functools import cache
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 import jinja2
 from markupsafe import Markup
@@ -59,12 +60,12 @@ def script_json(content: object) -> Markup:
 
     Numbers that JSON does not have become null.
     """
-    text = json.dumps(
-        make_json_safe(content),
-        ensure_ascii=False,
-        allow_nan=False,
-        separators=(",", ":"),
-    )
+    options: Any = {"ensure_ascii": False, "allow_nan": False, "separators": (",", ":")}
+    try:
+        text = json.dumps(content, **options)
+    # Nearly all content is safe, and a copy of it takes as long as the text.
+    except ValueError:
+        text = json.dumps(make_json_safe(content), **options)
     for character, escape in _UNSAFE_IN_SCRIPTS.items():
         text = text.replace(character, escape)
     # Every character that is markup has been replaced.
