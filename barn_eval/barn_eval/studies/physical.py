@@ -24,7 +24,7 @@ from barn_eval.analysis.sources import (
 )
 from barn_eval.pages.figures import (
     label_axes,
-    marker_of,
+    MARKERS,
     new_figure,
     style,
     write_figure,
@@ -386,7 +386,7 @@ def draw_finding(finding: PhysicalFinding) -> Figure:
             [world.planners_s_per_m[planner] for world in finding.worlds],
             s=22,
             color=color,
-            marker=marker_of(place),
+            marker=MARKERS[place % len(MARKERS)],
             label=spelling(planner),
         )
     line = finding.line

@@ -157,15 +157,17 @@ def test_folders_that_cannot_be_reported_are_refused_in_one_line(
     strange.mkdir()
     (strange / "run.json").write_text('{"hello": 1}')
     for paths, message in (
-        ("nowhere", "run.json: No such file"),
-        ("empty", "run.json: No such file"),
-        ("strange", "describes no run"),
+        ("nowhere", "holds no results of a run"),
+        ("empty", "holds no results of a run"),
+        ("strange", "holds no results of a run"),
         (f"{folder} {folder}", "is named twice"),
     ):
         assert message in rejected(f"report {paths} --out out.html")
+    with refused("describes no run"):
+        read_source(strange, [])
     (strange / "run.json").write_text("{")
     with refused("not JSON"):
-        read_source(strange)
+        read_source(strange, [])
 
 
 def test_planners_of_one_name_have_distinct_labels(folder, run, tmp_path):
