@@ -23,8 +23,9 @@ from barn_eval.analysis.sources import (
     require_same_task,
 )
 from barn_eval.pages.figures import (
-    label_axes,
     MARKERS,
+    label_axes,
+    look_numbers,
     new_figure,
     style,
     write_figure,
@@ -378,15 +379,14 @@ def draw_finding(finding: PhysicalFinding) -> Figure:
     axes = figure.subplots()
     colors = assign_colors(finding.planners)
     predicted = np.array([world.predicted_s_per_m for world in finding.worlds])
-    for place, (planner, color) in enumerate(
-        zip(finding.planners, colors, strict=True)
-    ):
+    looks = zip(finding.planners, colors, look_numbers(colors), strict=True)
+    for planner, color, number in looks:
         axes.scatter(
             predicted,
             [world.planners_s_per_m[planner] for world in finding.worlds],
             s=22,
             color=color,
-            marker=MARKERS[place % len(MARKERS)],
+            marker=MARKERS[number],
             label=spelling(planner),
         )
     line = finding.line
