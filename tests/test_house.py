@@ -28,7 +28,7 @@ LOWER_BOUNDS = {
     "packages": {"functions with Args [%]": 90.0, "comments [% of all lines]": 4.0}
 }
 # Tests may grow by about twice what the packages grow by.
-ALL_TOKENS = 775_000
+ALL_TOKENS = 778_500
 
 
 @pytest.fixture(scope="module")
