@@ -424,7 +424,15 @@ def _gazebo_seeds(folder: Path) -> list[bytes]:
 
 def _map_seeds(folder: Path) -> list[bytes]:
     write_map(_world().occupancy_map(), folder / "map")
-    return _files(folder / "map.yaml")
+    (seed,) = _files(folder / "map.yaml")
+    routes = b"routes: {a: {start: [-2, 6, 1], goal: [-2, 8]}, b: {start: [-2, 8, 0], goal: [-3, 6, 1]}}\n"
+    return [seed, seed + routes]
+
+
+def _map(path: Path) -> None:
+    dataset = open_dataset(path)
+    for number in dataset.world_numbers[:3]:
+        assert dataset.load(number)
 
 
 def _image_seeds(folder: Path) -> list[bytes]:
@@ -498,7 +506,7 @@ READERS = {
         "input.world.yaml", lambda _: [world_yaml(_scene()).encode()], _dataset
     ),
     "world": Reader("input.world", _gazebo_seeds, _single),
-    "map": Reader("input.yaml", _map_seeds, _single),
+    "map": Reader("input.yaml", _map_seeds, _map),
     "image": Reader("input.pgm", _image_seeds, _image),
     "bag": Reader("input.mcap", _bag_seeds, _bag),
     "sqlite": Reader("input.db3", _sqlite_seeds, _bag),

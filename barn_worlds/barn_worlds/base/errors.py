@@ -3,6 +3,7 @@
 import difflib
 import logging
 import multiprocessing
+import re
 import reprlib
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -22,6 +23,7 @@ _LONGEST_MESSAGE = 1000
 # Of a longer message, how much of its beginning and its end remains.
 _HEAD = 650
 _TAIL = 300
+_OBJECT = re.compile(r":? <[\w.]+ object at 0x\w+>")
 _MOST_NAMES = 20  # in a list of known names
 _PLAIN = (bool, bytes, complex, float, range, type(None))
 
@@ -156,8 +158,12 @@ def format_value(value: object) -> str:
 
 
 def format_error(error: object) -> str:
-    """Return an error's message on one line of up to 200 characters, or its class."""
-    return " ".join(str(error).split())[:_LONGEST_ERROR] or type(error).__name__
+    """Return an error's message on one line of up to 200 characters, if it has one.
+
+    Objects that a library names by class and address are left out.
+    """
+    text = _OBJECT.sub("", " ".join(str(error).split()))
+    return text[:_LONGEST_ERROR] or "no reason is known"
 
 
 def suggest(name: object, candidates: Iterable[object]) -> str:
