@@ -288,7 +288,7 @@ Image.new("F", (3, 2)).save(FLOATING, "TIFF")
 @pytest.mark.parametrize(
     "pgm, message",
     [
-        (b"", "not an image that can be read"),
+        (b"", r"TGA, PCX\): cannot identify image file$"),
         (b"GIF89a" + bytes(20), "not an image that can be read"),
         (b"P5\n3 2\n255\n\0", "not an image"),
         (b"P5\n3 x\n255\n" + bytes(6), "image"),
