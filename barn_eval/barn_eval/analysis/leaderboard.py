@@ -19,6 +19,7 @@ from barn_eval.analysis.sources import Source, planner_choices, require_same_tas
 from barn_eval.analysis.summary import Summary, summarize
 from barn_eval.analysis.text_table import TextTable, count_noun, join_names
 from barn_eval.analysis.verdict import Ranking, list_cautions, rank_results
+from barn_eval.results.bags import BAGS
 from barn_eval.running.setting_folders import LATENCY, format_setting_value
 from barn_eval.trials.identity import fingerprint
 from barn_worlds.base.errors import ConfigError, suggest
@@ -221,7 +222,8 @@ def make_board(entries: Sequence[Entry], measure: Measure) -> Board:
         for below in range(position + 1, len(ranking.names)):
             if ranking.is_clear(position, below):
                 better_than.append(ranking.names[below])
-        bags = [entry.source.bag(row.trial_id).exists() for row in entry.results]
+        # Listed once, as a run may have tens of thousands of trials.
+        bags = {path.name for path in (entry.source.path / BAGS).glob("*")}
         places.append(
             Place(
                 rank=ranks[position],
@@ -231,7 +233,7 @@ def make_board(entries: Sequence[Entry], measure: Measure) -> Board:
                 summary=summarize(entry.results, (*SCORED, "contact_s")),
                 # Readers can tell by it whether two boards rank the same settings.
                 configuration=configuration_hash(entry.source, entry.planner),
-                bags=sum(bags),
+                bags=sum(row.trial_id in bags for row in entry.results),
             )
         )
 

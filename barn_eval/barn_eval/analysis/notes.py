@@ -61,11 +61,12 @@ def _find_equal_planners(results: Mapping[Source, Rows]) -> Iterator[str]:
     """Yield a sentence for two planners that succeed by equal commands."""
     # Equal commands take equal times. So the files of commands, which are large, are
     # opened for suspects only.
-    planners: dict[Hashable, set[str]] = {}
+    planners: dict[Hashable, str] = {}
+    suspects = set()
     for row in chain.from_iterable(results.values()):
-        if row.scores.success:
-            planners.setdefault(_drive_key(row), set()).add(row.planner)
-    suspects = {key for key, names in planners.items() if len(names) > 1}
+        key = _drive_key(row)
+        if row.scores.success and planners.setdefault(key, row.planner) != row.planner:
+            suspects.add(key)
 
     trials = []
     for source, rows in results.items():

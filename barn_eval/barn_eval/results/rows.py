@@ -52,6 +52,7 @@ TABLE_FILES = tuple(
 
 # The checksum is the last key of a line.
 _SEAL = re.compile(r',\s*"crc32":\s*"([0-9a-f]{8})"\}$')
+_LONGEST_SEAL = 64
 
 
 class RowFile:
@@ -223,7 +224,8 @@ def unseal_line(line: str, where: str) -> str:
     Raises:
         ConfigError: The checksum is missing or wrong.
     """
-    seal = _SEAL.search(line)
+    # Searched in the end alone, as a line may be long.
+    seal = _SEAL.search(line, max(0, len(line) - _LONGEST_SEAL))
     if seal is None:
         raise ConfigError(f"{where}: damaged or edited: has no crc32 at its end")
     content = line[: seal.start()] + "}"
