@@ -37,8 +37,11 @@ WORDS = {
     "nav2": 950,
     "reliability": 750,
     "results": 650,
+    "protocols": 750,
+    "reports": 1250,
     "robots": 1350,
     "statistics": 800,
+    "troubleshooting": 1750,
 }
 
 CAMPAIGNS = (DOCS / "campaigns.md").read_text("utf-8")
