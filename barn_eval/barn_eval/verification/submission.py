@@ -92,8 +92,7 @@ def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderC
             " a name and @ if wanted"
         )
     check = check_folder(folder)
-    # `verify` takes what cannot be checked for wrong.
-    problems = [*check.problems, *check.unchecked]
+    problems = list(check.problems)
     if check.rows != check.trials:
         problems.append(f"has {check.rows} of {check.trials} trials")
     run_file = RunFile.read(folder)
@@ -104,6 +103,8 @@ def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderC
     other_task = describe_other_task(run_file, config)
     if other_task:
         problems.append(f"{other_task}{run_file.origin_note()}")
+    # `verify` takes what cannot be checked for wrong.
+    problems += check.unchecked
     if problems:
         raise FindingError(f"{folder}: is not to be submitted: {problems[0]}")
     _require_available_worlds(run_file)
