@@ -35,13 +35,18 @@ WORDS = {
     "metrics": 1000,
     "mutation": 220,
     "nav2": 950,
+    "outdoors": 550,
     "reliability": 750,
     "results": 650,
     "protocols": 750,
+    "python": 750,
     "reports": 1250,
     "robots": 1350,
     "statistics": 800,
     "troubleshooting": 1750,
+    "tutorials/other_stacks": 750,
+    "tutorials/own_world": 750,
+    "tutorials/tuning": 500,
 }
 
 CAMPAIGNS = (DOCS / "campaigns.md").read_text("utf-8")
