@@ -265,7 +265,7 @@ def test_command_draws_and_prints(tmp_path, suffix, magic):
     ("change", "words"),
     [
         ({"reference": "none.csv"}, "none.csv: No such file or directory"),
-        ({"folder": "nowhere"}, "run.json: No such file or directory"),
+        ({"folder": "nowhere"}, "nowhere: holds no results of a run"),
         ({"figure": "scatter.bmp"}, "scatter.bmp: must end in .png, .svg, .pdf"),
         ({"figure": "absent/scatter.png"}, "cannot be written"),
     ],

@@ -70,7 +70,7 @@ def test_its_own_tests_pass(installed_packages, tmp_path, folder):
 def test_registered_it_refuses_a_wrong_configuration(installed_packages, tmp_path):
     line = "barn_eval run --planner template --set max_speed_mps=3.0"
     done = python(installed_packages, tmp_path, line)
-    assert done.returncode == 1
+    assert done.returncode == 2
     assert "max_speed_mps must be from 0 to 2 m/s, got 3.0" in done.stderr
     assert len(done.stderr.splitlines()) == 1
 

@@ -194,14 +194,17 @@ class Simulator:
         self.motion.drive.command(exact, arrival_ns)
 
     def advance(self, ticks: int) -> None:
-        """Advance by physics ticks, not control periods, and read no sensor.
-
-        Raises:
-            TippedError: If the robot has tipped over.
-        """
+        """Advance by physics ticks, not control periods, and read no sensor."""
         if self.lidar.sweeps:
             self.motion.remember_pose()
         self.motion.advance(ticks)
+
+    def require_upright(self) -> None:
+        """Raise TippedError if the robot has tipped over; trials end there.
+
+        Raises:
+            TippedError: If it has.
+        """
         # No tire gets back to the ground from there.
         if self.motion.tilt_rad() > _LARGEST_TILT_RAD:
             raise TippedError(

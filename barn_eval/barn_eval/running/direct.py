@@ -195,7 +195,8 @@ class _DirectTrial:
                     self._conclude(simulator, sensors.stamp_ns)
                     return trial.verdict
                 try:
-                    sensors = simulator.step(command, delay_ns)
+                    readings = simulator.step(command, delay_ns)
+                    simulator.require_upright()
                 # Whatever the simulator raises belongs into the result.
                 except Exception as error:
                     outcome = Outcome.SIMULATOR_DIED
@@ -206,6 +207,7 @@ class _DirectTrial:
                     verdict = trial.referee.fail(outcome, detail)
                     self._record_standing(sensors.stamp_ns)
                     return verdict
+                sensors = readings
 
     def _start_planner(self) -> None:
         """Give the planner its map, if the protocol has one, and its goal."""

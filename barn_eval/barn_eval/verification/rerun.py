@@ -194,6 +194,7 @@ def drive_again(spec: TrialSpec, commands: Floats) -> Readings:
                 simulator.command(command, delay_ns or 0)
             try:
                 simulator.advance(config.ticks(config.control_period_s))
+                simulator.require_upright()
             except TippedError:
                 if len(odometry) < len(commands):
                     raise

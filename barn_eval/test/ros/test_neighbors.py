@@ -194,6 +194,6 @@ def test_the_rclpy_of_another_python_is_refused(tmp_path, monkeypatch):
     )
     words = f"run --mode ros --worlds 0 --planner gap --out {tmp_path}/out".split()
     ended = run_python("-m", "barn_eval", *words, check=False, env=environment)
-    assert ended.returncode == 1
+    assert ended.returncode == 2
     assert f"mode ros: rclpy of {other} is of another Python" in ended.stderr
     assert not (tmp_path / "out").exists()

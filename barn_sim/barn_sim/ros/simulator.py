@@ -232,6 +232,7 @@ class SimulatorNode(Node):
         scan_ticks = config.ticks(1.0 / config.lidar.rate_hz)
         ticks = math.gcd(odometry_ticks, scan_ticks)
         trial.simulator.advance(ticks)
+        trial.simulator.require_upright()
         self._outputs.publish(trial.due_readings())
 
         now_s = time.monotonic()

@@ -87,6 +87,7 @@ class SimulatedTrial:
         if self.awaits_answer:
             delay_ns = self.cycle_timer.start_cycle(self.simulator.stamp_ns)
         self.simulator.step(self.answer, delay_ns)
+        self.simulator.require_upright()
         self.answer = None
         self.published = False
 
