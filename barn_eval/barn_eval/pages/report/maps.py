@@ -66,7 +66,9 @@ def order_by_contrast(entries: Sequence[Entry], order: WorldOrder) -> list[int]:
 
     def contrast(world: int) -> float:
         """Return the difference of the best and the worst planner in a world."""
-        means = [measure.values(g[world]).mean() for g in groups if world in g]
+        means = [
+            measure.values(group[world]).mean() for group in groups if world in group
+        ]
         return float(np.nan_to_num(np.ptp(means)))
 
     # Of equal worlds the first stays first.
@@ -229,11 +231,15 @@ def _draw_map(
     scene = make_scene_if_known(trials[0].entry.source, world)
     drawing.draw_scene(axes, scene, faint=True)
     for number, entry in enumerate(data.entries):
-        own_trials = [t for t in trials if t.entry is entry and t.track is not None]
+        own_trials = [
+            trial
+            for trial in trials
+            if trial.entry is entry and trial.track is not None
+        ]
         own_trials = own_trials[:_MAX_TRAILS]
         draw_motion(axes, world, own_trials)
         style = {"color": entry.color, "linestyle": data.dashes[number]}
-        end = {"marker": data.looks[number]["marker"], "markersize": 6.0}
+        marker = data.looks[number]["marker"]
         for trial in own_trials:
             trail = trial.poses[:, :2]
             result = trial.result
@@ -247,8 +253,13 @@ def _draw_map(
             pose = trial.poses[-1:]
             drawing.draw_outlines(axes, pose, outline_m, entry.color, linewidth=1.0)
             draw_touched_mover(axes, world, trial)
-            if not result.scores.success:
-                end = {"marker": "x", "markersize": 9.0, "markeredgewidth": 2.4}
+            end: dict[str, Any] = {
+                "marker": "x",
+                "markersize": 9.0,
+                "markeredgewidth": 2.4,
+            }
+            if result.scores.success:
+                end = {"marker": marker, "markersize": 6.0}
             axes.plot(*trail[-1], color=entry.color, zorder=5, **end)
 
 

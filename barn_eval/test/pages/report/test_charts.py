@@ -5,6 +5,7 @@ Of the width and type of a paper, on axes of others, in the colors of the page.
 
 import re
 from collections import Counter
+from dataclasses import replace
 
 import pytest
 from matplotlib import rcParams
@@ -14,9 +15,12 @@ from matplotlib.text import Text
 from refusals import refused
 
 from barn_eval.pages.figures import Plot, figure_of, style
+from barn_eval.pages.report import maps
 from barn_eval.pages.report.charts import CHARTS
+from barn_eval.pages.report.maps import select_worlds
 from barn_eval.pages.report.page import draw, plot
 from barn_eval.pages.template import render
+from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE
 from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.drawing.palette import FAINT, INK, ON_DARK
@@ -147,3 +151,25 @@ def test_worlds_are_shown_from_start_to_goal(report, name):
         line = next(line for line in axes.lines if line.get_label() == label)
         assert tuple(line.get_xydata()[0]) == (pose.x, pose.y)
         assert left < pose.x < right and below < pose.y < above
+
+
+def test_a_success_after_a_failure_ends_without_a_cross(report):
+    (world, trials) = next(
+        (world, trials)
+        for world, trials in select_worlds(
+            report.order.worlds, report.trials, report.worlds, 99
+        ).values()
+        if any(trial.track is not None for trial in trials)
+    )
+    trial = next(trial for trial in trials if trial.track is not None)
+    outcomes = (Outcome.TIMEOUT, Outcome.SUCCESS, Outcome.COLLISION, Outcome.SUCCESS)
+    drives = []
+    for outcome in outcomes:
+        is_success = outcome is Outcome.SUCCESS
+        scores = replace(trial.result.scores, success=is_success)
+        result = replace(trial.result, outcome=outcome, scores=scores)
+        drives.append(replace(trial, result=result))
+    axes = Figure().subplots()
+    maps._draw_map(report, axes, world, drives)
+    crosses = [line for line in axes.lines if line.get_marker() == "x"]
+    assert len(crosses) == 2
