@@ -11,7 +11,7 @@ TOOL = ROOT / "qa/checks/house.py"
 UPPER_BOUNDS = {
     "packages": {
         # The goal is 340,000; features came first, and cuts follow.
-        "tokens": 371_200,
+        "tokens": 371_186,
         "tuples": 10.0,
         "comprehensions": 30.0,
         "conditional expressions": 15.0,

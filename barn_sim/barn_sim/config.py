@@ -256,11 +256,11 @@ def with_robot(config: Config, robot: Robot) -> Config:
             the preset has another noise or latency than the default one, as `ideal` has
             none, the preset's is kept.
     """
-    standard = SimulatorConfig()
     # By all of its parts: a file may change the drive of a robot and keep its name.
-    if robot.chassis == config.chassis and _parts(robot) == _parts(robot_of(standard)):
+    if robot.chassis == config.chassis and _parts(robot) == _parts(STANDARD_ROBOT):
         return config
 
+    standard = SimulatorConfig()
     parts: dict[str, Any] = {
         "chassis": robot.chassis,
         "physics": replace(config.physics, wheel_friction=robot.wheel_friction),

@@ -28,7 +28,7 @@ from barn_eval.trials.result import (
     TrialResult,
 )
 from barn_eval.trials.run_config import RunConfig
-from barn_eval.trials.system import System, system_in
+from barn_eval.trials.system import SUITE_NAME, System, system_in
 from barn_planners.registry import planner_names
 from barn_sim.config import chassis_in, robot_of
 from barn_worlds.base.arrays import Floats
@@ -42,9 +42,7 @@ from barn_worlds.robots.robot import Chassis
 from barn_worlds.worlds.course import fit_to_robot
 from barn_worlds.worlds.world import World
 
-_SIDE_BY_SIDE = {
-    "systems": "; barn reproduce --physical sets measured beside simulated trials"
-}
+_SIDE_BY_SIDE = "; barn reproduce --physical sets measured beside simulated trials"
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,9 +261,12 @@ def require_same_task(folders: Sequence[Path]) -> None:
             change = first_difference(content, other_task[what])
             if change is not None:
                 key, value, other_value = change
+                hint = ""
+                if what == "systems" and SUITE_NAME in (value, other_value):
+                    hint = _SIDE_BY_SIDE
                 raise ConfigError(
                     f"different {what} cannot be compared: {key} is {value!r} in"
-                    f" {first}, {other_value!r} in {folder}{_SIDE_BY_SIDE.get(what, '')}"
+                    f" {first}, {other_value!r} in {folder}{hint}"
                 )
 
 

@@ -270,7 +270,7 @@ def _finish(request: RunRequest, results: Rows, as_json: bool, show_all: bool) -
 
 
 def exit_code(results: Rows) -> int:
-    """Return whether all trials of a run have a score, and a planner drove any to its end.
+    """Return DONE, or NOT_SCORED if a trial has no score or no planner finished one.
 
     Args:
         results: All rows of the run.

@@ -422,9 +422,7 @@ def read_results(path: Path) -> list[TrialResult]:
     if not any(row.is_scored for row in rows):
         problem = "holds no results of a run"
         if rows:
-            problem = (
-                f"no trial is scored, such as {rows[0].trial_id}: {rows[0].detail}"
-            )
+            problem = f"has no scored trial; {rows[0].trial_id}: {rows[0].detail}"
         raise ConfigError(f"{path}: {problem}")
     return select_scored(RunFile.read(path), rows)
 

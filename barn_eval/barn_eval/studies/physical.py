@@ -187,11 +187,12 @@ def measure_difficulty(folders: Sequence[Path]) -> PhysicalFinding:
         if difficulty is not None:
             difficulties.append(difficulty)
     if len(difficulties) < FEWEST_WORLDS:
-        raise ConfigError(
+        need = (
             f"{observed[0].path}: has {len(difficulties)} worlds that can be predicted,"
             f" driven by all of {', '.join(planners)}; at least {FEWEST_WORLDS} are"
-            " needed. " + " ".join(notes)
+            " needed."
         )
+        raise ConfigError(" ".join([need, *notes]))
     difficulties.sort(key=lambda world: world.predicted_s_per_m)
 
     counted = {world.checksum for world in difficulties}

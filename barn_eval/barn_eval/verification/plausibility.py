@@ -55,10 +55,10 @@ def recompute_row(
         verdict: How it ended.
         trajectory: What the robot did.
     """
-    # In one process there is nobody who could say more of a trial than its planner.
-    said = {}
+    # In one process nobody else sees a trial, so both are empty there.
+    messages = {}
     if row.mode == "ros":
-        said = {"planner_verdict": row.planner_verdict, "remarks": row.remarks}
+        messages = {"planner_verdict": row.planner_verdict, "remarks": row.remarks}
     finished = finish_trial(
         spec,
         row.mode,
@@ -68,7 +68,7 @@ def recompute_row(
         delays=row.delays,
         observed=row.observed,
         schema_version=row.schema_version,
-        **said,
+        **messages,
     )
     # Another version may call the same task otherwise; run.json decides which it was.
     # Only old rows may name none.
@@ -150,10 +150,8 @@ def find_implausible_values(row: TrialResult, spec: TrialSpec) -> Iterator[str]:
 def _find_excess(row: TrialResult, spec: TrialSpec) -> Iterator[str]:
     """Yield a problem for each number of a row above what others allow."""
     protocol = spec.scaled_protocol
-    scores = row.scores
-    measures = row.measures
-    time_s = scores.traversal_time_s or 0.0
-    duration_s = scores.duration_s
+    values = dict(flatten(as_dict(row)))
+    duration_s = row.scores.duration_s
 
     longest_s = protocol.first_motion_limit_s + protocol.limit_s
     # The clock starts at a look and stops at one, each up to a period late.
@@ -165,35 +163,34 @@ def _find_excess(row: TrialResult, spec: TrialSpec) -> Iterator[str]:
     if spec.world.moving:
         longest_m = math.inf
 
-    speed_mps = measures.mean_speed_mps or 0.0
-    speed_error_m = abs(speed_mps * duration_s - measures.driven_m)
     # Observed trials have readings at rates of their own.
     readings = math.inf
     if row.observed is None:
         readings = duration_s / spec.simulator.control_period_s + 1.0
-    limits = (
-        ("recoveries", row.recoveries or 0, readings / 2.0),
-        ("measures.unanswered_cycles", measures.unanswered_cycles or 0, readings),
-        ("scores.duration_s", duration_s, longest_s),
-        ("scores.traversal_time_s", time_s, duration_s),
-        ("measures.contact_s", measures.contact_s or 0.0, duration_s),
-        ("measures.near_contact_s", measures.near_contact_s or 0.0, duration_s),
-        ("measures.driven_m", measures.driven_m, longest_m),
-        (
-            "measures.rms_speed_step_mps",
-            measures.rms_speed_step_mps or 0.0,
-            measures.speed_variation_mps or 0.0,
-        ),
-        (
-            "measures.rms_turn_step_radps",
-            measures.rms_turn_step_radps or 0.0,
-            measures.turn_variation_radps or 0.0,
-        ),
-        ("measures.mean_speed_mps", speed_error_m, 0.0),
-    )
-    for key, value, largest in limits:
+    limits = {
+        "recoveries": readings / 2.0,
+        "measures.unanswered_cycles": readings,
+        "scores.duration_s": longest_s,
+        "scores.traversal_time_s": duration_s,
+        "measures.contact_s": duration_s,
+        "measures.near_contact_s": duration_s,
+        "measures.driven_m": longest_m,
+        "measures.rms_speed_step_mps": values.get("measures.speed_variation_mps"),
+        "measures.rms_turn_step_radps": values.get("measures.turn_variation_radps"),
+    }
+    for key, limit in limits.items():
+        value = values.get(key) or 0.0
+        largest = limit or 0.0
         if value > largest + ROUNDING:
             yield f"{key} does not fit: {value:g} where {largest:g} is the most"
+
+    speed_mps = row.measures.mean_speed_mps or 0.0
+    driven_m = row.measures.driven_m
+    if abs(speed_mps * duration_s - driven_m) > ROUNDING:
+        yield (
+            f"measures.mean_speed_mps does not fit: {speed_mps:g} where {driven_m:g} m"
+            f" were driven in {duration_s:g} s"
+        )
 
 
 def compare_with_track(

@@ -127,8 +127,8 @@ SETTINGS = record_type(
         ("inverse_inertia", _NUMBER, 3),
         ("center", _NUMBER, 3),
         # Tires: friction coefficient, slip at which all of it acts, spring (N/m) and
-        # damper (N s/m) of each; contacts
-        # with the ground, and how many of them have friction.
+        # damper (N s/m) of each; contacts with the ground, and how many of them have
+        # friction.
         ("friction", _NUMBER),
         ("slip_mps", _NUMBER),
         ("stiffness", _NUMBER),

@@ -69,13 +69,10 @@ class Lidar:
         self.ages_ns = sweep_ns * np.linspace(1.0, 0.0, config.beams) * config.sweeps
         self._ranges = np.empty(config.beams)
 
+        # Beams are in the order of their angles, so those behind a mask are in a row.
         angles = angle_min + increment * np.arange(config.beams)
-        is_behind_mask = (angles >= config.masked_from_rad) & (
-            angles <= config.masked_to_rad
-        )
-        self._is_masked = is_behind_mask & (
-            config.masked_to_rad > config.masked_from_rad
-        )
+        edges = (config.masked_from_rad, config.masked_to_rad)
+        self._mask = slice(*np.searchsorted(angles, edges).tolist())
         # Bursts begin and end by chance, so that they last as long as configured on
         # average and fill their share of the time.
         burst_scans = max(config.blackout_s * config.rate_hz, 1.0)
@@ -98,7 +95,7 @@ class Lidar:
             or config.dropout_share
             or config.blackout_share
             or config.unseen_share
-            or self._is_masked.any()
+            or config.masked_to_rad > config.masked_from_rad
         )
 
     def scan(
@@ -152,7 +149,7 @@ class Lidar:
         if self._config.dropout_share:
             dropped = self.rng.random(len(measured)) < self._config.dropout_share
             measured[dropped] = np.inf
-        measured[self._is_masked] = np.inf
+        measured[self._mask] = np.inf
         if self._config.blackout_share:
             chance = self._end_chance if self._is_blind else self._begin_chance
             if self.rng.random() < chance:

@@ -26,6 +26,7 @@ from barn_eval.analysis.significance import ALPHA, paired_difference, proportion
 from barn_eval.analysis.statistics import TrialValues, difference, mean_interval
 from barn_eval.analysis.verdict import rank
 from barn_metrics.bootstrap import Interval
+from barn_worlds.base.arrays import Integers
 
 BOARD_PLANNERS = 8
 # Patterns of signs: enough to decide whether p is below 5 %; reports draw 10 000.
@@ -85,9 +86,7 @@ def _share_covers(
     truth: float,
     generator: np.random.Generator,
 ) -> bool:
-    world = np.repeat(np.arange(worlds), repetitions)
-    chances = draw_failure_chances(truth, correlation, worlds, generator)[world]
-    events = (generator.random(len(world)) < chances).astype(np.int64)
+    events, world = _draw_events(worlds, repetitions, correlation, truth, generator)
     return _covers(proportion(events, world), truth)
 
 
@@ -99,10 +98,23 @@ def _high_share_covers(
     generator: np.random.Generator,
 ) -> bool:
     # Failures are drawn, so that worlds differ in what is rare.
+    failures, world = _draw_events(
+        worlds, repetitions, correlation, 1.0 - truth, generator
+    )
+    return _covers(proportion(1 - failures, world), truth)
+
+
+def _draw_events(
+    worlds: int,
+    repetitions: int,
+    correlation: float,
+    chance: float,
+    generator: np.random.Generator,
+) -> tuple[Integers, Integers]:
+    """Draw whether an event happens in each trial (n,); return it with their worlds."""
     world = np.repeat(np.arange(worlds), repetitions)
-    chances = draw_failure_chances(1.0 - truth, correlation, worlds, generator)[world]
-    events = (generator.random(len(world)) >= chances).astype(np.int64)
-    return _covers(proportion(events, world), truth)
+    chances = draw_failure_chances(chance, correlation, worlds, generator)[world]
+    return (generator.random(len(world)) < chances).astype(np.int64), world
 
 
 def _mean_covers(
