@@ -6,6 +6,7 @@ from typing import Any
 import click
 
 from barn_eval.commands.options import (
+    PLANNER,
     folder_option,
     json_option,
     print_json,
@@ -20,8 +21,8 @@ from barn_worlds.base.errors import ExitCode
 
 
 @click.command("ab")
-@click.argument("base")
-@click.argument("head")
+@click.argument("base", type=PLANNER)
+@click.argument("head", type=PLANNER)
 @click.option(
     "--planner-command",
     default="",

@@ -9,6 +9,9 @@ import click
 from barn_eval.analysis.planners import spelling
 from barn_eval.api.robots import draw
 from barn_eval.commands.options import (
+    PLANNER,
+    PROTOCOL,
+    ROBOT,
     file_option,
     json_option,
     print_notes,
@@ -28,7 +31,7 @@ from barn_worlds.robots.files import ROBOTS, load_robot
 
 
 @click.command("robots")
-@click.argument("robot", required=False)
+@click.argument("robot", type=ROBOT, required=False)
 @file_option("--out", help="Draw it from above, as .png, .svg or .pdf.")
 @json_option
 def robots(robot: str | None, out: Path | None, as_json: bool) -> None:
@@ -53,7 +56,7 @@ def robots(robot: str | None, out: Path | None, as_json: bool) -> None:
 
 
 @click.command("planners")
-@click.argument("planner", required=False, metavar="[NAME[:PRESET]]")
+@click.argument("planner", type=PLANNER, required=False, metavar="[NAME[:PRESET]]")
 @json_option
 def planners(planner: str | None, as_json: bool) -> None:
     """List all planners and their presets, or show the parameters of NAME with units and meanings.
@@ -79,7 +82,7 @@ def planners(planner: str | None, as_json: bool) -> None:
 
 
 @click.command("protocols")
-@click.argument("name", required=False)
+@click.argument("name", type=PROTOCOL, required=False)
 @json_option
 def protocols(name: str | None, as_json: bool) -> None:
     """List the protocols of the suite, or show all rules of one by its NAME or from a YAML file."""

@@ -8,6 +8,7 @@ import click
 from barn_eval.api import worlds as api_worlds
 from barn_eval.commands.options import (
     course_option,
+    dataset_option,
     file_option,
     json_option,
     parameters_option,
@@ -23,10 +24,6 @@ from barn_worlds.worlds.world import World
 
 _MOST_ROWS = 10
 
-dataset_option = click.option(
-    "--dataset", default="barn300", help="Data set, or file, that has the world."
-)
-
 
 @click.group("course")
 def command() -> None:
@@ -40,7 +37,7 @@ def _load(dataset: str, number: int) -> World:
 
 @command.command()
 @click.argument("world", type=int)
-@dataset_option
+@dataset_option(help="Data set, or file, that has the world.")
 @file_option("--out", default="plan.pdf", help="The plan (PDF).")
 @click.option("--box", type=float, help="Build it of boxes with sides of so many m.")
 @click.option("--post", type=float, help="Build it of posts, so many m in diameter.")
@@ -72,7 +69,7 @@ def plan(
 @command.command()
 @path_argument("bag")
 @click.option("--world", "number", type=int, required=True, help="What was built.")
-@dataset_option
+@dataset_option(help="Data set, or file, that has the world.")
 @file_option("--out", help=f"Write the world as built (NAME{ENDING}), for barn run.")
 @course_option
 @robot_option

@@ -9,6 +9,7 @@ from barn_eval.commands.options import (
     file_option,
     json_option,
     print_output,
+    source_argument,
     worlds_option,
 )
 from barn_eval.commands.tables import table
@@ -27,7 +28,7 @@ def command() -> None:
 
 
 @command.command()
-@click.argument("source", default="barn300")
+@source_argument
 @worlds_option
 @file_option("--weights", help="Weights [default: the shipped ones].")
 @json_option

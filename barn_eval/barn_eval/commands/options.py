@@ -1,22 +1,27 @@
 """What several commands share: options and the way values are printed."""
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
 import click
+from click.shell_completion import CompletionItem
 from rich.console import Console
 from rich.progress import Progress
 
 from barn_eval.commands.tables import quantities_table
 from barn_eval.running.reporting import ConsoleReporter, Verbosity
 from barn_eval.running.request import parse_parameters
+from barn_eval.trials.protocol import PROTOCOLS
+from barn_planners.registry import planner_names
 from barn_worlds.base.config import fields_of
 from barn_worlds.base.errors import ConfigError, format_value
 from barn_worlds.base.text_files import make_json_safe
+from barn_worlds.datasets.dataset import dataset_files
+from barn_worlds.robots.files import ROBOTS
 
 _MAX_HELP_KEYS = 12  # in the help of an option
 
@@ -29,6 +34,40 @@ console = Console(markup=False, highlight=False)
 notes = Console(stderr=True)
 reporter = ConsoleReporter(notes)
 
+
+class NameType(click.types.StringParamType):
+    """A text that the shell completes with names, or with files if none fits."""
+
+    def __init__(self, list_names: Callable[[], Iterable[str]]):
+        """Make a type whose names are those that `list_names` returns."""
+        self._list_names = list_names
+
+    def shell_complete(
+        self,
+        ctx: click.Context,  # noqa: ARG002
+        param: click.Parameter,  # noqa: ARG002
+        incomplete: str,
+    ) -> list[CompletionItem]:
+        """Return completions of the last of the names that commas join.
+
+        Args:
+            ctx: Context of the call.
+            param: Option or argument.
+            incomplete: Beginning of its value.
+        """
+        before, comma, start = incomplete.rpartition(",")
+        chosen = before.split(",")
+        items = []
+        for name in self._list_names():
+            if name.startswith(start) and name not in chosen:
+                items.append(CompletionItem(before + comma + name))
+        return items or [CompletionItem(incomplete, type="file")]
+
+
+DATASET = NameType(dataset_files)
+PLANNER = NameType(planner_names)
+PROTOCOL = NameType(lambda: PROTOCOLS)
+ROBOT = NameType(lambda: ROBOTS)
 PATH = click.Path(path_type=Path)
 FILE = click.Path(path_type=Path, dir_okay=False)
 FOLDER = click.Path(path_type=Path, file_okay=False)
@@ -39,6 +78,8 @@ file_option = partial(click.option, type=FILE)
 folder_option = partial(click.option, type=FOLDER)
 flag_option = partial(click.option, is_flag=True)
 count_option = partial(click.option, type=click.IntRange(1))
+dataset_option = partial(click.option, "--dataset", type=DATASET, default="barn300")
+source_argument = click.argument("source", type=DATASET, default="barn300")
 folder_argument = path_argument("folder")
 folders_argument = path_argument("folders", nargs=-1, required=True)
 quiet_option = flag_option("-q", "--quiet", help="Show no progress, only warnings.")
@@ -50,13 +91,14 @@ worlds_option = click.option(
 
 robot_option = click.option(
     "--robot",
+    type=ROBOT,
     default="jackal",
     help="Name (see barn robots) or YAML file of the robot that drives.",
 )
 
 
 def field_option(
-    config: object, name: str, default: str = "", short: str = ""
+    config: object, name: str, default: str = "", short: str = "", kind: Any = None
 ) -> Decorator[Any]:
     """Return click's option --NAME for a configuration's field: type, limits, help.
 
@@ -65,6 +107,7 @@ def field_option(
         name: Name of the field and, with two dashes, of the option.
         default: How the help names the default, unless by its value.
         short: Another name of the option, of one letter, such as "-w".
+        kind: Type of the value, unless that of the field.
     """
     quantity, value = next(
         (quantity, value)
@@ -72,7 +115,7 @@ def field_option(
         if field == name
     )
     # click reads numbers and texts by the type of the default.
-    kind: Any = type(value)
+    kind = kind or type(value)
     if quantity.choices:
         kind = click.Choice(quantity.choices)
     elif kind is int and quantity.minimum is not None and quantity.maximum is not None:

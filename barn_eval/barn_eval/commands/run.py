@@ -25,8 +25,13 @@ from barn_eval.analysis.tables import (
 from barn_eval.analysis.text_table import count_noun
 from barn_eval.analysis.verdict import conclude_ranking
 from barn_eval.commands.options import (
+    DATASET,
     FILE,
+    PLANNER,
+    PROTOCOL,
+    ROBOT,
     courses_option,
+    dataset_option,
     field_option,
     file_option,
     flag_option,
@@ -68,18 +73,22 @@ _EXECUTION = ExecutionConfig()
 @click.option(
     "--planners",
     "--planner",
+    type=PLANNER,
     help="Planners, as NAME or NAME:PRESET, joined by commas [default: dwa, or of"
     " commands].",
 )
 @field_option(_RUN, "worlds")
-@field_option(_RUN, "dataset")
+@field_option(_RUN, "dataset", kind=DATASET)
 @click.option(
     "--protocol",
+    type=PROTOCOL,
     help="challenge, dynabarn, known_map, paper2020 or a YAML file [default:"
     " challenge].",
 )
 @click.option(
-    "--robot", help="A name (see barn robots) or a YAML file [default: jackal]."
+    "--robot",
+    type=ROBOT,
+    help="A name (see barn robots) or a YAML file [default: jackal].",
 )
 @courses_option
 @field_option(_RUN, "routes")
@@ -422,9 +431,7 @@ _DEMO_PERCENTAGES = (5, 40, 70)
 
 
 @click.command("demo")
-@click.option(
-    "--dataset", default="barn300", help="Data set that the three worlds are from."
-)
+@dataset_option(help="Data set that the three worlds are from.")
 @click.option(
     "--mode", type=click.Choice(MODES), default="ros", help="One process or ROS nodes."
 )

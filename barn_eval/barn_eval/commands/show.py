@@ -7,7 +7,9 @@ import click
 from barn_eval.api import worlds as api_worlds
 from barn_eval.api.results import overlay
 from barn_eval.commands.options import (
+    PLANNER,
     courses_option,
+    dataset_option,
     field_option,
     file_option,
     path_option,
@@ -21,9 +23,7 @@ _RUN = RunConfig()
 
 @click.command("show")
 @click.argument("worlds", metavar="WORLDS")
-@click.option(
-    "--dataset", default="barn300", help="Data set that numbers are looked up in."
-)
+@dataset_option(help="Data set that numbers are looked up in.")
 @file_option(
     "--out",
     help="Picture (.png), of trials also .svg or .pdf, of a world that moves also .gif"
@@ -43,7 +43,10 @@ _RUN = RunConfig()
     help="What trials are colored by [default: planner].",
 )
 @click.option(
-    "--planners", "--planner", help="Only trials of these planners, such as dwa,eband."
+    "--planners",
+    "--planner",
+    type=PLANNER,
+    help="Only trials of these planners, such as dwa,eband.",
 )
 @click.option("--outcome", help="Only trials that ended so, such as collision.")
 def command(

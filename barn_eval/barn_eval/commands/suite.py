@@ -8,6 +8,7 @@ import click
 
 from barn_eval.api import suite
 from barn_eval.commands.options import (
+    PLANNER,
     file_option,
     flag_option,
     folder_option,
@@ -71,7 +72,10 @@ def reproduce(folders: tuple[Path, ...], physical: bool, **options: Any) -> None
 
 @click.command("bench")
 @click.option(
-    "--planners", default="dwa,eband", help="Planners to measure, joined by commas."
+    "--planners",
+    type=PLANNER,
+    default="dwa,eband",
+    help="Planners to measure, joined by commas.",
 )
 @parameters_option("--set", "settings", "What is measured", suite.BenchSetup())
 @file_option(

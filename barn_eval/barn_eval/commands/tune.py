@@ -9,6 +9,7 @@ from barn_eval.analysis.measures import MEASURES
 from barn_eval.analysis.tables import comparison_table
 from barn_eval.analysis.text_table import count_noun
 from barn_eval.commands.options import (
+    PLANNER,
     console,
     count_option,
     folder_option,
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
 
 @click.command("tune")
-@click.argument("ranges")
+@click.argument("ranges", type=PLANNER)
 @count_option(
     "--settings",
     default=30,

@@ -8,6 +8,8 @@ import click
 from barn_eval.api import worlds
 from barn_eval.api.worlds import FORMATS, Form
 from barn_eval.commands.options import (
+    DATASET,
+    ROBOT,
     count_option,
     json_option,
     parameters_option,
@@ -16,6 +18,7 @@ from barn_eval.commands.options import (
     print_output,
     progress_bar,
     robot_option,
+    source_argument,
     worlds_option,
 )
 from barn_eval.commands.tables import decimals_text, table
@@ -74,7 +77,7 @@ def generate(
 
 
 @command.command()
-@click.argument("source")
+@click.argument("source", type=DATASET)
 @path_argument("target")
 @click.option(
     "--format",
@@ -102,7 +105,7 @@ def convert(
 
 
 @command.command("list")
-@click.argument("source", required=False)
+@click.argument("source", type=DATASET, required=False)
 @worlds_option
 @json_option
 def show_list(source: str | None, select: str, as_json: bool) -> None:
@@ -136,7 +139,7 @@ def show_list(source: str | None, select: str, as_json: bool) -> None:
 
 
 @click.command("metrics")
-@click.argument("source", default="barn300")
+@source_argument
 @worlds_option
 @click.option(
     "--formula",
@@ -145,6 +148,7 @@ def show_list(source: str | None, select: str, as_json: bool) -> None:
 )
 @click.option(
     "--robot",
+    type=ROBOT,
     help="Whose C-space and path are measured: a name or a YAML file [default: the"
     " worlds' own].",
 )

@@ -14,13 +14,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from campaign_runs import install_stranger
+from click.shell_completion import BashComplete
 from rosbags.rosbag2 import Reader
 from text_tables import answers_of
 from waiting import barn_words, run_python
 
 from barn_eval import __version__
 from barn_eval.api import suite
-from barn_eval.commands.main import COMMANDS
+from barn_eval.commands.main import COMMANDS, cli
 from barn_eval.results.folder import read_results
 from barn_eval.results.provenance import commit
 from barn_eval.results.run_file import RunFile
@@ -71,14 +72,55 @@ def test_help_lists_the_commands_and_imports_none():
 
 
 def test_shell_completion_imports_no_command():
-    def complete(words, place):
-        shell = {"_BARN_COMPLETE": "bash_complete", "COMP_WORDS": words}
-        return output_and_modules([], COMP_CWORD=place, **shell)
-
-    lines, loaded = complete("barn re", "1")
+    shell = {"_BARN_COMPLETE": "bash_complete", "COMP_WORDS": "barn re"}
+    lines, loaded = output_and_modules([], COMP_CWORD="1", **shell)
     assert lines == ["plain,report", "plain,replay", "plain,reproduce"]
     assert not {"numpy", "barn_eval.commands.report"} & loaded
-    assert complete("barn run --repe", "2")[0] == ["plain,--repetitions"]
+
+
+def complete(line, monkeypatch):
+    """Return what bash is offered for the last word of a line, as type,value."""
+    monkeypatch.setenv("COMP_WORDS", line)
+    monkeypatch.setenv("COMP_CWORD", str(line.count(" ")))
+    return BashComplete(cli, {}, "barn", "_BARN_COMPLETE").complete().splitlines()
+
+
+@pytest.mark.parametrize(
+    ("line", "values"),
+    [
+        ("run --repe", ["--repetitions"]),
+        ("run --planners eb", ["eband"]),
+        ("run --planners dwa,e", ["dwa,eband"]),
+        ("run --planner g", ["gap"]),
+        ("run --protocol pap", ["paper2020"]),
+        ("run --robot hus", ["husky"]),
+        ("run --dataset barn3", ["barn300"]),
+        ("run --mode r", ["ros"]),
+        ("planners eb", ["eband"]),
+        ("protocols know", ["known_map"]),
+        ("robots hus", ["husky"]),
+        ("show 0 --planners eb", ["eband"]),
+        ("worlds list barn3", ["barn300"]),
+        ("metrics barn3", ["barn300"]),
+        ("bench --planners eb", ["eband"]),
+        ("tune eb", ["eband"]),
+        ("ab dwa eb", ["eband"]),
+    ],
+)
+def test_the_shell_completes_names(line, values, monkeypatch):
+    offers = complete(f"barn {line}", monkeypatch)
+    assert offers == [f"plain,{value}" for value in values]
+
+
+def test_the_shell_completes_all_names_and_files_and_folders(monkeypatch):
+    planners = [f"plain,{name}" for name in planner_names()]
+    assert complete("barn run --planners ", monkeypatch) == planners
+    protocols = [f"plain,{name}" for name in PROTOCOLS]
+    assert complete("barn run --protocol ", monkeypatch) == protocols
+    # A protocol or robot of one's own is a file; bash lists its folder's.
+    assert complete("barn run --robot my_", monkeypatch) == ["file,my_"]
+    assert complete("barn run --out o", monkeypatch) == ["dir,o"]
+    assert complete("barn report o", monkeypatch) == ["file,o"]
 
 
 @pytest.mark.parametrize("name", list(COMMANDS))
