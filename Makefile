@@ -8,6 +8,7 @@ LOWEST := build/lowest
 BIN := $(CURDIR)/$(VENV)/bin
 WHEELS := wheels/$(shell $(PYTHON) -c 'import sys; print("cp%d%d" % sys.version_info[:2])')
 MESSAGES := wheels/messages/$(notdir $(WHEELS))
+MESSAGE_PACKAGES := tf2_msgs simulation_interfaces
 OUT ?= out/demo
 BENCH ?= out/bench.json
 # extras stay in the lock: an older pip refuses `coverage[toml]` once a release newer than the locked one is out
@@ -83,10 +84,13 @@ install: $(VENV)/compiled $(VENV)/stand_ins
 # each Python.
 $(VENV)/stand_ins: $(VENV)/installed $(wildcard ros_stand_ins/*.py ros_stand_ins/*/*.py ros_stand_ins/*/*/*/*)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps ./ros_stand_ins
-	test -d $(MESSAGES) || $(BIN)/python ros_stand_ins/build_messages.py $(MESSAGES) tf2_msgs > /dev/null 2>&1 \
-		|| echo "tf2_msgs needs a C++ compiler and the headers of Python: /tf is off"
+	for package in $(MESSAGE_PACKAGES); do \
+		ls $(MESSAGES)/barn_$$package-*.whl > /dev/null 2>&1 \
+			|| $(BIN)/python ros_stand_ins/build_messages.py $(MESSAGES) $$package > /dev/null 2>&1 \
+			|| echo "$$package needs a C++ compiler and the headers of Python: what barn info says of it is off"; \
+	done
 	test ! -d $(MESSAGES) || $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-index --no-deps \
-		--find-links $(MESSAGES) barn-tf2-msgs
+		$(MESSAGES)/*.whl
 	touch $@
 
 # numba keeps the suite's kernels once they have been compiled for trials of each planner and for a robot among obstacles

@@ -1,7 +1,8 @@
 """A robot that is only numbers, with a driver to the goal: for tests of live trials.
 
 It has no /clock, its odometry begins anywhere and is two seconds off. Each call of its
-reset is the next of the faults in its arguments.
+reset is the next of the faults in its arguments. For a fault named simulator, services
+of simulation_interfaces reset it and put it somewhere.
 """
 
 import sys
@@ -36,6 +37,35 @@ class Robot(Node):
         self.create_subscription(Twist, "robot/cmd_vel", self.on_command, 10)
         self.create_service(Trigger, "robot/reset", self.on_reset)
         self.create_timer(PERIOD_S, self.step)
+
+    def offer_interfaces(self):
+        """Offer two services of simulation_interfaces, where the package is."""
+        from simulation_interfaces.srv import (  # noqa: PLC0415
+            ResetSimulation,
+            SetEntityState,
+        )
+
+        reset = "robot/reset_simulation"
+        self.create_service(ResetSimulation, reset, self.on_reset_simulation)
+        place = "robot/set_entity_state"
+        self.create_service(SetEntityState, place, self.on_place)
+
+    def on_reset_simulation(self, request, response):
+        self.on_reset(request, Trigger.Response())
+        self.pose = (0.0, 0.0, 0.0)
+        # Resets of state only.
+        response.result.result = 1 if request.scope == 2 else 0
+        return response
+
+    def on_place(self, request, response):
+        response.result.result = 1
+        if request.entity != "jackal":
+            response.result.result = 2
+            response.result.error_message = f"no entity {request.entity}"
+        pose = request.state.pose
+        yaw = 2.0 * atan2(pose.orientation.z, pose.orientation.w)
+        self.pose = (pose.position.x, pose.position.y, yaw)
+        return response
 
     def on_command(self, message):
         self.command = message
@@ -132,6 +162,8 @@ if __name__ == "__main__":
     robot = Robot(sys.argv[1].split(","))
     executor.add_node(robot)
     executor.add_node(Driver())
+    if sys.argv[1] == "simulator":
+        robot.offer_interfaces()
     if sys.argv[1] == "operator":
         executor.add_node(Operator(robot))
     executor.spin()

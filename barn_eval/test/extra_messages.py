@@ -12,7 +12,7 @@ import pytest
 
 @pytest.fixture(scope="session")
 def extra_message_types(tmp_path_factory):
-    """A folder with nav2_msgs and tf2_msgs, of which the wheels have none.
+    """A folder with message packages of which the wheels have none.
 
     None where they are installed.
     """
@@ -20,7 +20,7 @@ def extra_message_types(tmp_path_factory):
     # A second copy of an installed package would not find the libraries of the first.
     names = [
         name
-        for name in ("nav2_msgs", "tf2_msgs")
+        for name in ("nav2_msgs", "simulation_interfaces", "tf2_msgs")
         if importlib.util.find_spec(name) is None
     ]
     if not names:

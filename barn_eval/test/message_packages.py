@@ -4,11 +4,13 @@ Usage: message_packages.py FOLDER PACKAGE...: FOLDER then belongs into PYTHONPAT
 LD_LIBRARY_PATH of what uses them.
 """
 
+import shutil
 import sys
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "ros_stand_ins"))
 
+from build_messages import DEFINITIONS as INSTALLED
 from build_messages import build
 
 # The types' definitions, as far as the suite and its examples use them, by package,
@@ -21,13 +23,15 @@ DEFINITIONS = {
     "nav2_msgs/msg/CostmapMetaData": "builtin_interfaces/Time map_load_time, builtin_interfaces/Time update_time, "
     "string layer, float32 resolution, uint32 size_x, uint32 size_y, geometry_msgs/Pose origin",
     "nav2_msgs/msg/Costmap": "std_msgs/Header header, CostmapMetaData metadata, uint8[] data",
-    "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms",
 }
 
 
 if __name__ == "__main__":
     for package in sys.argv[2:]:
         folder = Path(sys.argv[1]).resolve()
+        # Those that make install builds have their definitions there.
+        if (INSTALLED / package).is_dir():
+            shutil.copytree(INSTALLED / package, folder / "share" / package)
         for path, text in DEFINITIONS.items():
             file = folder / "share" / f"{path}.{path.split('/')[1]}"
             if path.startswith(f"{package}/"):

@@ -5,11 +5,14 @@ messages are stamped, does not matter: poses count from where the robot stands w
 trial begins, and times by differences of stamps.
 """
 
+import math
 import select
 import sys
 import time
 from dataclasses import replace
 from importlib import import_module
+from types import ModuleType
+from typing import Any
 
 from std_srvs.srv import Trigger
 
@@ -22,7 +25,7 @@ from barn_eval.trials.outcome import SIMULATOR, Outcome
 from barn_eval.trials.ros_config import EvaluatorConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.system import OPERATOR
-from barn_eval.trials.system_file import SystemFile
+from barn_eval.trials.system_file import INTERFACES, SystemFile
 from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.base.types import ORIGIN, Odometry, Pose2D, seconds
 from barn_worlds.messages import decode
@@ -30,6 +33,7 @@ from barn_worlds.messages import decode
 _FARTHEST_START_M = 0.5
 _LARGEST_JUMP_S = 1.0  # of a robot's clock against the evaluator's
 _OPERATOR_LIMIT_S = 24 * 3600.0
+_RESULT_OK = 1  # of simulation_interfaces/msg/Result
 _KEYS = {"s": "start", "c": "contact", "a": "abort"}
 
 
@@ -58,6 +62,9 @@ class ObservedSystem:
             config: Limits of waits, and robot and data set of all trials.
             subscriber: Brings the poses.
             topics: Their topic, among others.
+
+        Raises:
+            ConfigError: If the reset needs a package that is not installed.
         """
         self.file = file
         self._loop = loop
@@ -68,6 +75,9 @@ class ObservedSystem:
         # The pose of the trial's start in the frame of the system's poses.
         self.origin: Pose2D | None = None
         self._start = ORIGIN
+        self._interfaces: ModuleType | None = None
+        if file.reset == INTERFACES:
+            self._interfaces = load_interfaces()
         for name in _KEYS.values():
             loop.node.create_service(Trigger, f"~/{name}", self._answer(name))
         if sys.stdin.isatty():
@@ -164,14 +174,35 @@ class ObservedSystem:
                 node = RemoteNode(self._loop, self.file.world_node, SIMULATOR)
                 node.set_parameters(values, limit_s)
             node = RemoteNode(self._loop, name, SIMULATOR)
-            if self.file.reset == "service":
+            if self._interfaces is None:
                 node.trigger(service, limit_s, limit_s)
             else:
-                _reset_simulation(node, service, limit_s)
+                kind = self._interfaces.ResetSimulation
+                request = kind.Request(scope=self.file.reset_scope)
+                _call_simulator(node, service, kind, request, limit_s)
+                if self.file.robot_entity:
+                    kind = self._interfaces.SetEntityState
+                    request = self._request_start(kind)
+                    _call_simulator(node, "set_entity_state", kind, request, limit_s)
         except ServiceTimeout as error:
             raise TrialEnded(Outcome.SIMULATOR_DIED, str(error)) from None
         except ServiceRefused as error:
             raise BarnError(f"{self.file.name}: {error}") from None
+
+    def _request_start(self, kind: type[Any]) -> Any:
+        """Return a request of SetEntityState for the robot at rest at the start."""
+        request = kind.Request(entity=self.file.robot_entity)
+        pose = request.state.pose
+        pose.position.x = self._start.x
+        pose.position.y = self._start.y
+        pose.position.z = self.file.robot_z_m
+        pose.orientation.z = math.sin(0.5 * self._start.yaw)
+        pose.orientation.w = math.cos(0.5 * self._start.yaw)
+        # From version 2 on, a simulator sets only what it is asked to.
+        for flag in ("set_pose", "set_twist"):
+            if hasattr(request, flag):
+                setattr(request, flag, True)
+        return request
 
     def _read_pose(self, since_ns: int) -> Pose2D | None:
         """Return the last pose that has arrived since a time, None without any."""
@@ -201,19 +232,25 @@ class ObservedSystem:
         return answer
 
 
-def _reset_simulation(node: RemoteNode, service: str, limit_s: float) -> None:
-    """Call ResetSimulation of simulation_interfaces; may raise as `RemoteNode`."""
+def load_interfaces() -> ModuleType:
+    """Return the services of simulation_interfaces; ConfigError if not installed."""
     try:
-        kind = import_module("simulation_interfaces.srv").ResetSimulation
+        return import_module(f"{INTERFACES}.srv")
     except ImportError:
         raise ConfigError(
-            "reset simulation_interfaces: the package is not installed; install it, or"
-            " set reset to service or operator"
+            f"reset {INTERFACES}: the package is not installed; make install builds it"
+            " where a C++ compiler is, or set reset to service or operator"
         ) from None
-    result = node.call(service, kind, kind.Request(), limit_s, limit_s).result
-    # 1 is RESULT_OK of simulation_interfaces/msg/Result.
-    if result.result != 1:
-        raise ServiceRefused(result.error_message or f"result {result.result}")
+
+
+def _call_simulator(
+    node: RemoteNode, service: str, kind: type[Any], request: Any, limit_s: float
+) -> None:
+    """Call a service once; ServiceRefused unless its result is RESULT_OK."""
+    result = node.call(service, kind, request, limit_s, limit_s).result
+    if result.result != _RESULT_OK:
+        reason = result.error_message or f"result {result.result}"
+        raise ServiceRefused(f"{node.name}/{service}: {reason}")
 
 
 class ObservedQueue(TrialQueue):

@@ -9,7 +9,8 @@ from barn_worlds.base.config import as_dict, from_dict, quantity
 from barn_worlds.base.text_files import read_yaml
 
 SCHEMA_VERSION = 1
-RESETS = (OPERATOR, "service", "simulation_interfaces")
+INTERFACES = "simulation_interfaces"  # ROS's standard services of simulators
+RESETS = (OPERATOR, "service", INTERFACES)
 TOPICS = ("cmd_vel", "collision", "goal_pose", "map", "odom", "scan")
 
 
@@ -29,6 +30,18 @@ class SystemFile(System):
         "/reset_simulation",
         "service that does: std_srvs/srv/Trigger, or ResetSimulation",
     )
+    reset_scope: int = quantity(
+        0,
+        "bits of ResetSimulation: 1 time, 2 state, 4 what was spawned; 0 is all",
+        minimum=0,
+        maximum=255,
+    )
+    robot_entity: str = quantity(
+        "",
+        "the robot's name in the simulator: after the reset, SetEntityState of the same"
+        " namespace puts it at the start; empty: the reset does",
+    )
+    robot_z_m: float = quantity(0.0, "height at which SetEntityState puts it", "m")
     world_node: str = quantity(
         "",
         "node that takes dataset, world, robot, seed, start_x_m, start_y_m and"
@@ -47,6 +60,8 @@ class SystemFile(System):
         is_reported = self.contact in (NO_CONTACT, OPERATOR)
         is_reported |= self.contact.startswith("/")
         self.require(is_reported, "contact", "must be a topic, operator or none")
+        is_set = self.robot_entity == "" or self.reset == INTERFACES
+        self.require(is_set, "robot_entity", f"needs reset: {INTERFACES}")
         unknown = self.topics.keys() - set(TOPICS)
         self.require(not unknown, "topics", f"must be of {', '.join(TOPICS)}")
 

@@ -13,6 +13,7 @@ from waiting import barn_words
 
 from barn_eval.results.bags.bagfile import BagFile
 from barn_eval.results.rows import RowFile
+from barn_eval.ros.observed import load_interfaces
 from barn_eval.ros.simulator import SimulatorClient
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE
@@ -142,6 +143,36 @@ def test_an_operator_starts_a_trial_and_tells_of_a_contact(tmp_path):
     assert row.observed.contact_source == "operator"
 
 
+STANDARD = {
+    "kind": "simulator",
+    "frame": "world",
+    "contact": "none",
+    "reset": "simulation_interfaces",
+    "reset_service": "/robot/reset_simulation",
+    "reset_scope": 2,
+    "robot_entity": "jackal",
+}
+
+
+def test_services_of_the_standard_reset_a_simulator(tmp_path, with_extra_messages):
+    (row,) = judge(tmp_path, ["simulator"], **STANDARD)
+    # Its reset leaves the robot elsewhere than at the start, in the frame of the world.
+    assert row.outcome is Outcome.SUCCESS
+    assert row.measures.contacts is None
+
+
+def test_a_reset_that_a_simulator_refuses_is_one_line(tmp_path, with_extra_messages):
+    message = "emulated: /robot/set_entity_state: no entity husky"
+    with pytest.raises(AssertionError, match=message):
+        judge(tmp_path, ["simulator"], **STANDARD | {"robot_entity": "husky"})
+
+
+def test_a_reset_without_its_package_is_refused_by_name(monkeypatch):
+    monkeypatch.setitem(sys.modules, "simulation_interfaces.srv", None)
+    with pytest.raises(ConfigError, match="simulation_interfaces: .* not installed"):
+        load_interfaces()
+
+
 def test_a_simulator_of_others_is_not_taken_for_the_suites():
     spec = ros.make_plan(CHALLENGE, worlds="0").trials()[0]
     client = SimulatorClient(
@@ -160,6 +191,7 @@ def test_a_simulator_of_others_is_not_taken_for_the_suites():
         ({"topics": {"lidar": "/scan"}}, "topics must be of cmd_vel, collision"),
         ({"rest": "operator"}, "unknown key 'rest'.*reset"),
         ({"reset": "hand"}, "reset must be"),
+        ({"robot_entity": "jackal"}, "robot_entity needs reset: simulation_interfaces"),
     ],
 )
 def test_a_wrong_file_is_refused_in_one_line(tmp_path, changes, message):
