@@ -68,6 +68,8 @@ def run_observed(
             process = node.start(os.environ, logs)
             stack.callback(_keep_log, process.log, request.out / LOGS)
             stack.callback(process.stop)
+        # The operator reads the log, as the output of a command.
+        os.environ.setdefault("RCUTILS_CONSOLE_OUTPUT_FORMAT", "{message}")
         evaluator.main([], defaults, raises=True)
     # The last row counts of a trial that was repeated.
     rows = {row.trial_id: row for row in RowFile(request.out).read()}

@@ -6,6 +6,7 @@ trial begins, and times by differences of stamps.
 """
 
 import math
+import os
 import select
 import sys
 import time
@@ -34,7 +35,12 @@ _FARTHEST_START_M = 0.5
 _LARGEST_JUMP_S = 1.0  # of a robot's clock against the evaluator's
 _OPERATOR_LIMIT_S = 24 * 3600.0
 _RESULT_OK = 1  # of simulation_interfaces/msg/Result
-_KEYS = {"s": "start", "c": "contact", "a": "abort"}
+# What the operator may say, by a key with its first letter or a service.
+_CALLS = {
+    "start": "starts the trial",
+    "contact": "tells of a contact",
+    "abort": "aborts it",
+}
 
 
 class ObservedTopics(TrialTopics):
@@ -72,15 +78,18 @@ class ObservedSystem:
         self._subscriber = subscriber
         self._topics = topics
         self._calls: set[str] = set()
+        # Which calls count now.
+        self._allowed: tuple[str, ...] = ()
         # The pose of the trial's start in the frame of the system's poses.
         self.origin: Pose2D | None = None
         self._start = ORIGIN
         self._interfaces: ModuleType | None = None
         if file.reset == INTERFACES:
             self._interfaces = load_interfaces()
-        for name in _KEYS.values():
+        for name in _CALLS:
             loop.node.create_service(Trigger, f"~/{name}", self._answer(name))
-        if sys.stdin.isatty():
+        self._has_keys = sys.stdin.isatty()
+        if self._has_keys:
             loop.poll = self._read_keys
 
     def prepare(self, spec: TrialSpec, start_limit_s: float) -> int:
@@ -99,7 +108,9 @@ class ObservedSystem:
         """
         self._start = spec.course.start
         self._reset(spec, start_limit_s)
-        self._calls.clear()
+        self._allow("contact", "abort")
+        if self._has_keys or self.file.reset == OPERATOR:
+            self._loop.note(f"{spec.trial_id}: {self._describe_calls()}")
         reset_ns = time.time_ns()
         pose = self._loop.wait(lambda: self._read_pose(reset_ns), start_limit_s)
         if pose is None:
@@ -130,7 +141,7 @@ class ObservedSystem:
         """Return whether the operator has told of a contact; TrialEnded after abort."""
         if "abort" in self._calls:
             raise TrialEnded(Outcome.ENVIRONMENT_FAILED, "the operator aborted it")
-        is_told = self.file.contact == OPERATOR and "contact" in self._calls
+        is_told = "contact" in self._calls
         self._calls.discard("contact")
         return is_told
 
@@ -142,21 +153,22 @@ class ObservedSystem:
         """Do nothing: time passes in a system in any case."""
 
     def pause(self) -> dict[str, int]:
-        """Return no counts: nothing is paused, and nothing waits for commands."""
+        """End the trial for the operator; return no counts, as nothing is paused."""
+        self._allow()
         return {}
 
     def _reset(self, spec: TrialSpec, limit_s: float) -> None:
         """Put the robot at the start, or have the operator do it and say so."""
         start = spec.course.start
         if self.file.reset == OPERATOR:
+            self._allow("start", "abort")
             self._loop.note(
-                f"{spec.trial_id}: put the robot at the start of {spec.world.name}"
-                f" (x {start.x:.3f} m, y {start.y:.3f} m, heading {start.yaw:.3f} rad),"
-                " then type s and Enter, or call ~/start; during the trial, c is a"
-                " contact and a aborts"
+                f"{spec.trial_id}: put the robot at the start of {spec.world.name}\n"
+                f"  x {start.x:.3f} m, y {start.y:.3f} m, heading {start.yaw:.3f} rad"
+                f" ({math.degrees(start.yaw):.0f} degrees)\n"
+                f"  then {self._describe_calls()}"
             )
-            self._calls.clear()
-            self._loop.wait(lambda: self._calls & {"start", "abort"}, _OPERATOR_LIMIT_S)
+            self._loop.wait(lambda: self._calls, _OPERATOR_LIMIT_S)
             self.take_contact()
             return
         values = {
@@ -215,18 +227,51 @@ class ObservedSystem:
                 pose = decode.odometry(message.data).pose
         return pose
 
+    def _allow(self, *names: str) -> None:
+        """Forget the operator's calls; from now on these count."""
+        self._calls.clear()
+        is_reported = self.file.contact == OPERATOR
+        self._allowed = tuple(
+            name for name in names if name != "contact" or is_reported
+        )
+
+    def _describe_calls(self) -> str:
+        """Return how to make the calls that count now, and what they do."""
+        texts = []
+        for name in self._allowed:
+            call = f"{self._loop.node.get_fully_qualified_name()}/{name}"
+            if self._has_keys:
+                call = f"{name[0]} Enter"
+            texts.append(f"{call} {_CALLS[name]}")
+        return ", ".join(texts)
+
+    def _take_call(self, name: str) -> str:
+        """Note a call of the operator; return why it does not count, "" if it does."""
+        if name in self._allowed:
+            self._calls.add(name)
+            return ""
+        calls = self._describe_calls() or "no trial is under way"
+        return f"that does not count now: {calls}"
+
     def _read_keys(self) -> None:
         """Take a line from the terminal, if there is one, as a call of the operator."""
-        if select.select([sys.stdin], [], [], 0.0)[0]:
-            self._calls.add(_KEYS.get(sys.stdin.readline().strip().lower(), ""))
+        terminal = sys.stdin.fileno()
+        # In the background, reading would stop this process.
+        is_mine = os.tcgetpgrp(terminal) == os.getpgrp()
+        if is_mine and select.select([terminal], [], [], 0.0)[0]:
+            key = sys.stdin.readline().strip().lower()
+            names = [name for name in _CALLS if key in (name, name[0])]
+            problem = self._take_call("".join(names))
+            if problem:
+                self._loop.note(problem)
 
     def _answer(self, name: str):  # type: ignore[no-untyped-def]
-        """Return the callback of a service that notes the operator's call."""
+        """Return the callback of a service that takes the operator's call."""
 
         def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-            """Note the call."""
-            self._calls.add(name)
-            response.success = True
+            """Take the call."""
+            response.message = self._take_call(name)
+            response.success = not response.message
             return response
 
         return answer

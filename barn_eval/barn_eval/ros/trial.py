@@ -410,7 +410,11 @@ class RosTrial:
     def _record_tail(self, queue: TrialQueue) -> None:
         """Record two seconds more of a system: its odometry shows the arrival late."""
         loop = self._context.loop
-        if self._context.system is None or self._recorder is None:
+        if self._context.system is None:
+            return
+        # What the operator says from now on does not count.
+        self._context.system.pause()
+        if self._recorder is None:
             return
         end_s = loop.now_s + _TAIL_S
         # Whatever happens now is after the trial.

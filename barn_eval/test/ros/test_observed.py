@@ -1,9 +1,13 @@
 """A robot that somebody else runs is judged live, by its odometry and its own clock."""
 
+import fcntl
 import os
+import pty
 import shlex
 import subprocess
 import sys
+import termios
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -49,8 +53,43 @@ def write(folder, **changes):
     return path
 
 
-def judge(folder, faults, **changes):
-    """Return rows of trials of the emulated robot, one for each of its faults."""
+def run_in_terminal(command, environment, keys):
+    """Run a command in a terminal; type each line once its text is shown.
+
+    Returns what the terminal has shown.
+    """
+    ours, theirs = pty.openpty()
+    process = subprocess.Popen(
+        command,
+        env=environment,
+        stdin=theirs,
+        stdout=theirs,
+        stderr=theirs,
+        start_new_session=True,
+        preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
+    )
+    os.close(theirs)
+    shown = ""
+    read = 0
+    waiting = list(keys)
+    # Reading fails once nobody has the terminal any more.
+    with suppress(OSError):
+        while data := os.read(ours, 4096):
+            shown += data.decode().replace("\r", "")
+            while waiting and waiting[0][0] in shown[read:]:
+                text, line = waiting.pop(0)
+                read = shown.index(text, read) + len(text)
+                os.write(ours, f"{line}\n".encode())
+    process.wait()
+    os.close(ours)
+    return shown
+
+
+def judge(folder, faults, keys=None, **changes):
+    """Return rows of trials of the emulated robot, one for each of its faults.
+
+    With keys, as of `run_in_terminal`, also what the terminal has shown.
+    """
     # The robot goes straight and far faster than any that the suite knows.
     protocol = as_dict(CHALLENGE) | {"name": "straight", "first_motion_limit_s": 60.0}
     (folder / "straight.yaml").write_text(
@@ -66,14 +105,24 @@ def judge(folder, faults, **changes):
             words += ["--protocol", str(folder / "straight.yaml")]
             words += ["--repetitions", str(len(faults)), "--out", str(folder / "out")]
             command = barn_words(shlex.join(words))
-            ended = subprocess.run(
-                command, env=environment, capture_output=True, text=True, check=False
-            )
+            if keys is not None:
+                shown = run_in_terminal(command, environment, keys)
+            else:
+                shown = subprocess.run(
+                    command,
+                    env=environment,
+                    stdout=subprocess.PIPE,
+                    stderr=subprocess.STDOUT,
+                    text=True,
+                    check=False,
+                ).stdout
         finally:
             robot.kill()
             robot.wait()
     rows = RowFile(folder / "out").read()
-    assert len(rows) == len(faults), ended.stdout + ended.stderr
+    assert len(rows) == len(faults), shown
+    if keys is not None:
+        return rows, shown
     return rows
 
 
@@ -141,6 +190,27 @@ def test_an_operator_starts_a_trial_and_tells_of_a_contact(tmp_path):
     (row,) = judge(tmp_path, ["operator"], reset="operator", contact="operator")
     assert row.outcome is Outcome.COLLISION
     assert row.observed.contact_source == "operator"
+
+
+def test_an_operator_has_keys_in_the_terminal(tmp_path):
+    rows, shown = judge(
+        tmp_path,
+        ["none", "none"],
+        keys=[
+            ("Enter starts", "c"),
+            ("does not count now", "s"),
+            ("Enter tells of a contact", "c"),
+            ("Enter starts", "abort"),
+        ],
+        reset="operator",
+        contact="operator",
+    )
+    assert [row.outcome for row in rows] == [
+        Outcome.COLLISION,
+        Outcome.ENVIRONMENT_FAILED,
+    ]
+    assert rows[1].detail == "the operator aborted it"
+    assert "put the robot at the start of world_0\n  x -2.250 m, y 3.000 m" in shown
 
 
 STANDARD = {
