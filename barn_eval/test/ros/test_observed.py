@@ -1,12 +1,10 @@
 """A robot that somebody else runs is judged live, by its odometry and its own clock."""
 
-import fcntl
 import os
 import pty
 import shlex
 import subprocess
 import sys
-import termios
 from contextlib import suppress
 from pathlib import Path
 
@@ -60,13 +58,11 @@ def run_in_terminal(command, environment, keys):
     """
     ours, theirs = pty.openpty()
     process = subprocess.Popen(
-        command,
+        ["setsid", "--ctty", "--wait", *command],
         env=environment,
         stdin=theirs,
         stdout=theirs,
         stderr=theirs,
-        start_new_session=True,
-        preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
     )
     os.close(theirs)
     shown = ""
@@ -239,7 +235,7 @@ def test_a_reset_that_a_simulator_refuses_is_one_line(tmp_path, with_extra_messa
 
 def test_a_reset_without_its_package_is_refused_by_name(monkeypatch):
     monkeypatch.setitem(sys.modules, "simulation_interfaces.srv", None)
-    with pytest.raises(ConfigError, match="simulation_interfaces: .* not installed"):
+    with pytest.raises(ConfigError, match=r"simulation_interfaces: .* not installed"):
         load_interfaces()
 
 
