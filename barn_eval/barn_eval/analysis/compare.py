@@ -33,6 +33,7 @@ from barn_eval.analysis.statistics import (
     rank_correlation,
 )
 from barn_eval.analysis.text_table import join_names
+from barn_eval.results.row_table import column
 from barn_eval.results.store import LOGS
 from barn_eval.running.command_files import read_node_parameters
 from barn_eval.trials.identity import NOT_SET, flatten
@@ -164,8 +165,8 @@ def compare(
     # Conclusions rest on it, whatever else is asked for.
     if measure.key not in keys:
         keys = (measure.key, *keys)
-    nobody_failed = all(result.scores.success for result in (*a, *b))
-    rows = []
+    nobody_failed = all(column(rows, "scores.success").all() for rows in (a, b))
+    compared_rows = []
     for key in with_moving_measures(keys, a, b):
         compared = MEASURES[key]
         larger = compared.better == "larger"
@@ -178,7 +179,7 @@ def compare(
         paired = compare_pairs(
             trial_values(a, tested), trial_values(b, tested), larger_is_better=larger
         )
-        rows.append(
+        compared_rows.append(
             PairedMeasure(
                 key=key,
                 measure=compared.title,
@@ -205,7 +206,7 @@ def compare(
         metric=measure.key,
         trials_a=len(a),
         trials_b=len(b),
-        rows=tuple(rows),
+        rows=tuple(compared_rows),
         rank_correlation=correlation,
         available=count_available_worlds(a),
     )
@@ -284,8 +285,8 @@ def compare_folders(
             label_b = f"{spelling(planner_b)} ({place_b})"
         rows_a = groups_a[planner_a]
         rows_b = groups_b[planner_b]
-        entries[label_a] = Entry(label_a, "", source_a, planner_a, tuple(rows_a))
-        entries[label_b] = Entry(label_b, "", source_b, planner_b, tuple(rows_b))
+        entries[label_a] = Entry(label_a, "", source_a, planner_a, rows_a)
+        entries[label_b] = Entry(label_b, "", source_b, planner_b, rows_b)
         comparison = compare(rows_a, rows_b, label_a, label_b, keys)
         parameters = describe_parameter_changes(
             source_a, planner_a, source_b, planner_b
@@ -391,24 +392,23 @@ def trial_values(results: Rows, measure: Measure) -> TrialValues:
         results: Results of one planner.
         measure: A measure of the catalog.
     """
-    worlds = np.array([result.world for result in results], np.int64)
-    repetitions = np.array([result.repetition for result in results], np.int64)
+    worlds = column(results, "world").astype(np.int64)
+    repetitions = column(results, "repetition").astype(np.int64)
     values = measure.values(results)
     if measure.as_failure is None:
         return TrialValues(values, worlds, repetitions)
 
-    failures = [not result.scores.success for result in results]
-    failure_values = np.array(list(map(measure.as_failure, results)), np.float64)
+    failure_values = measure.as_failure(results)
     if np.isnan(values).any():
         # Without those of successes, the mean would be that of failures.
         values = np.full(len(values), np.nan)
-    if not np.isfinite([*failure_values, *values]).all():
+    if not np.isfinite(np.append(failure_values, values)).all():
         return TrialValues(values, worlds, repetitions)
     return TrialValues(
         values,
         worlds,
         repetitions,
-        failures=np.array(failures, np.int64),
+        failures=(column(results, "scores.success") == 0).astype(np.int64),
         as_failure=failure_values,
         best=measure.best,
     )
@@ -427,8 +427,8 @@ def require_pairs(a: Rows, b: Rows) -> None:
     """
     # A repetition has the same simulator seed in each run of equal seed, hence the same
     # noise.
-    trials_a = {(result.world, result.repetition): result for result in a}
-    trials_b = {(result.world, result.repetition): result for result in b}
+    trials_a = trial_places(a)
+    trials_b = trial_places(b)
     if len(trials_a) != len(a) or len(trials_b) != len(b):
         raise BarnError(
             "results of several planners cannot be compared as one; "
@@ -439,17 +439,33 @@ def require_pairs(a: Rows, b: Rows) -> None:
         raise BarnError("the two have no trial of the same world and repetition")
 
     # In order, so that messages do not depend on hashes.
-    for key in sorted(shared):
-        trial_a = trials_a[key]
-        trial_b = trials_b[key]
-        for name, description in _SHARED_FIELDS.items():
-            value_a = getattr(trial_a, name)
-            value_b = getattr(trial_b, name)
-            if value_a != value_b:
-                raise BarnError(
-                    f"{trial_a.trial_id} and {trial_b.trial_id} have different "
-                    f"{description}: {value_a}, {value_b}"
-                )
+    keys = sorted(shared)
+    places_a = [trials_a[key] for key in keys]
+    places_b = [trials_b[key] for key in keys]
+    first = len(keys)
+    message = ""
+    for name, description in _SHARED_FIELDS.items():
+        values_a = column(a, name)[places_a]
+        values_b = column(b, name)[places_b]
+        different = np.flatnonzero(values_a != values_b)
+        if len(different) and different[0] < first:
+            first = different[0]
+            trial_a = a[places_a[first]].trial_id
+            trial_b = b[places_b[first]].trial_id
+            message = (
+                f"{trial_a} and {trial_b} have different {description}:"
+                f" {values_a[first]}, {values_b[first]}"
+            )
+    if message:
+        raise BarnError(message)
+
+
+def trial_places(results: Rows) -> dict[tuple[int, int], int]:
+    """Return the index of each trial by world and repetition."""
+    worlds = column(results, "world").tolist()
+    repetitions = column(results, "repetition").tolist()
+    keys = zip(worlds, repetitions, strict=True)
+    return {key: place for place, key in enumerate(keys)}
 
 
 def describe_parameter_changes(

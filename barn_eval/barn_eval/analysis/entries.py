@@ -8,6 +8,8 @@ from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from barn_eval.analysis.planners import assign_colors, spelling
 from barn_eval.analysis.sources import (
     Source,
@@ -15,6 +17,7 @@ from barn_eval.analysis.sources import (
     planner_choices,
     read_source,
 )
+from barn_eval.results.row_table import column, take
 from barn_eval.running.setting_folders import expand_sweeps, parse_folder_name
 from barn_eval.trials.result import (
     COMPUTE_MODE_LABELS,
@@ -22,6 +25,7 @@ from barn_eval.trials.result import (
     TrialResult,
     describe_computer,
 )
+from barn_worlds.base.arrays import Bools
 from barn_worlds.base.errors import ConfigError
 
 # The slowest class of speed caps; each class is twice as fast as the one before.
@@ -36,7 +40,7 @@ class Entry:
     color: str
     source: Source
     planner: str
-    results: tuple[TrialResult, ...]
+    results: Rows
 
     @property
     def setting(self) -> dict[str, float | str]:
@@ -45,7 +49,11 @@ class Entry:
 
     def where(self, holds: Callable[[TrialResult], bool]) -> "Entry":
         """Return a copy of the entry with the results for which `holds` is true."""
-        return replace(self, results=tuple(filter(holds, self.results)))
+        return self.select(np.array([holds(row) for row in self.results], np.bool_))
+
+    def select(self, mask: Bools) -> "Entry":
+        """Return a copy of the entry with the results where a mask (n,) is true."""
+        return replace(self, results=take(self.results, mask))
 
 
 class BoardClass(NamedTuple):
@@ -82,7 +90,7 @@ def board_class(entry: Entry) -> BoardClass:
     Raises:
         ConfigError: Its trials have several protocols.
     """
-    protocols = {result.protocol for result in entry.results}
+    protocols = set(column(entry.results, "protocol").tolist())
     if len(protocols) > 1:
         raise ConfigError(
             f"{entry.source.path}: {entry.planner} has trials of several protocols"
@@ -102,7 +110,8 @@ def _speed_class_mps(results: Rows) -> float:
     it. Rows of versions without caps are in class 0.
     """
     # A planner that is faster in some worlds belongs among the faster ones.
-    cap_mps = max(result.speed_cap_mps or 0.0 for result in results)
+    caps_mps = column(results, "speed_cap_mps").astype(np.float64)
+    cap_mps = float(np.nan_to_num(caps_mps).max())
     if not cap_mps:
         return 0.0
     # A cap at the end of a class belongs to it in spite of rounding.
@@ -148,17 +157,14 @@ class Computing:
 def computing_of(results: Rows) -> Computing:
     """Return compute modes and median assumed computer speed of one planner's rows."""
     # Rows of one planner may differ if a folder was resumed with another option.
-    modes = {
-        COMPUTE_MODE_LABELS[result.compute] for result in results if result.compute
-    }
-    computers = []
-    for result in results:
-        if result.wall_clock.computer is not None:
-            computers.append(result.wall_clock.computer)
+    names = set(column(results, "compute").tolist()) - {""}
+    modes = {COMPUTE_MODE_LABELS[name] for name in names}
+    computers = column(results, "wall_clock.computer").astype(np.float64)
+    computers = computers[~np.isnan(computers)]
     computer = 0.0
-    if computers:
+    if len(computers):
         # A median, since single trials may have met a busy machine.
-        computer = median(computers)
+        computer = median(computers.tolist())
     return Computing(tuple(sorted(modes)), computer)
 
 
@@ -184,7 +190,7 @@ def entries_of(sources: Sequence[Source]) -> list[Entry]:
     entries = []
     for source in sources:
         for planner, results in group_by_planner(source.comparable_results).items():
-            entries.append(Entry("", "", source, planner, tuple(results)))
+            entries.append(Entry("", "", source, planner, results))
     return label_entries(entries)
 
 

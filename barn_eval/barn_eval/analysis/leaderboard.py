@@ -2,9 +2,10 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from operator import attrgetter
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from barn_eval.analysis.entries import (
     BoardClass,
@@ -20,6 +21,7 @@ from barn_eval.analysis.summary import Summary, summarize
 from barn_eval.analysis.text_table import TextTable, count_noun, join_names
 from barn_eval.analysis.verdict import Ranking, list_cautions, rank_results
 from barn_eval.results.bags import BAGS
+from barn_eval.results.row_table import column
 from barn_eval.running.setting_folders import LATENCY, format_setting_value
 from barn_eval.trials.identity import fingerprint
 from barn_worlds.base.errors import ConfigError, suggest
@@ -40,7 +42,7 @@ _SWEEP_MEASURES = ("success", "normalised_time_s_per_m")
 
 # What is equal for trials that can be compared.
 TrialKey = tuple[int, str, int, int]
-_trial_key = attrgetter("world", "world_checksum", "campaign_seed", "repetition")
+_KEY_PATHS = ("world", "world_checksum", "campaign_seed", "repetition")
 
 
 @dataclass(frozen=True)
@@ -99,10 +101,17 @@ class TrialGroup:
 
     def common_entries(self) -> list[Entry]:
         """Return copies of the entries with only the results that all of them have."""
-        return [
-            entry.where(lambda result: _trial_key(result) in self.common_trials)
-            for entry in self.entries
-        ]
+        entries = []
+        for entry in self.entries:
+            is_common = [key in self.common_trials for key in _trial_keys(entry)]
+            entries.append(entry.select(np.array(is_common, np.bool_)))
+        return entries
+
+
+def _trial_keys(entry: Entry) -> Iterator[TrialKey]:
+    """Return an iterator over the keys of an entry's trials."""
+    columns = [column(entry.results, path).tolist() for path in _KEY_PATHS]
+    return zip(*columns, strict=True)
 
 
 def make_boards(
@@ -128,12 +137,13 @@ def make_boards(
     entries = read_entries(paths)
     world_numbers: set[int] = set()
     for entry in entries:
-        world_numbers.update(result.world for result in entry.results)
-    selected_worlds = set(select_worlds(worlds, world_numbers))
+        world_numbers.update(column(entry.results, "world").tolist())
+    selected_worlds = select_worlds(worlds, world_numbers)
 
     classes: dict[BoardClass, list[Entry]] = {}
     for entry in entries:
-        selection = entry.where(lambda result: result.world in selected_worlds)
+        is_selected = np.isin(column(entry.results, "world"), selected_worlds)
+        selection = entry.select(is_selected)
         if selection.results:
             classes.setdefault(board_class(entry), []).append(selection)
     _require_one_task_per_protocol(classes)
@@ -222,7 +232,6 @@ def make_board(entries: Sequence[Entry], measure: Measure) -> Board:
         for below in range(position + 1, len(ranking.names)):
             if ranking.is_clear(position, below):
                 better_than.append(ranking.names[below])
-        # Listed once, as a run may have tens of thousands of trials.
         bags = {path.name for path in (entry.source.path / BAGS).glob("*")}
         places.append(
             Place(
@@ -233,15 +242,15 @@ def make_board(entries: Sequence[Entry], measure: Measure) -> Board:
                 summary=summarize(entry.results, (*SCORED, "contact_s")),
                 # Readers can tell by it whether two boards rank the same settings.
                 configuration=configuration_hash(entry.source, entry.planner),
-                bags=sum(row.trial_id in bags for row in entry.results),
+                bags=len(bags.intersection(column(entry.results, "trial_id"))),
             )
         )
 
     notes = list(list_cautions(ranking.worlds, entries))
     larger = []
     for entry in entries:
-        trials = [r for r in entry.source.results if r.planner == entry.planner]
-        if len(entry.results) < len(trials):
+        planners = column(entry.source.results, "planner")
+        if len(entry.results) < np.count_nonzero(planners == entry.planner):
             larger.append(entry.label)
     if larger:
         worlds = count_noun(ranking.worlds, "world")
@@ -279,7 +288,7 @@ def group_by_common_trials(
     groups: list[TrialGroup] = []
     # Largest first, so that a group's common trials start as wide as possible.
     for entry in sorted(entries, key=lambda entry: -len(entry.results)):
-        trials: set[TrialKey] = set(map(_trial_key, entry.results))
+        trials = set(_trial_keys(entry))
         for group in groups:
             if group.accepts(trials, least_share):
                 group.entries.append(entry)
@@ -294,9 +303,9 @@ def _title(entries: Sequence[Entry]) -> str:
     """Return a board's title: protocol, worlds, seed, classes, robot and task."""
     first = entries[0]
     results = first.results
-    worlds = count_noun(len({result.world for result in results}), "world")
-    datasets = ", ".join(sorted({result.dataset for result in results}))
-    seeds = ", ".join(map(str, sorted({result.campaign_seed for result in results})))
+    worlds = count_noun(len(set(column(results, "world"))), "world")
+    datasets = ", ".join(sorted(set(column(results, "dataset"))))
+    seeds = ", ".join(map(str, sorted(set(column(results, "campaign_seed")))))
     parts = [
         f"{results[0].protocol} protocol",
         f"{worlds} of {datasets}",

@@ -13,6 +13,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from barn_eval.results.row_table import column, has_motion
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.result import Rows, TrialResult
 from barn_metrics.bootstrap import Interval, number
@@ -21,17 +22,37 @@ from barn_worlds.base.errors import ConfigError, suggest
 
 Better = Literal["larger", "smaller", ""]
 
+
+def _numbers(rows: Rows, path: str) -> Floats:
+    """Return a value per row (n,), NaN where it has none."""
+    return column(rows, path).astype(np.float64)  # type: ignore[no-any-return]
+
+
+def _failure_s(rows: Rows) -> Floats:
+    """Return the time that a failure counts with [s] (n,)."""
+    return _numbers(rows, "scores.failure_time_s")
+
+
+def _failure_s_per_m(rows: Rows) -> Floats:
+    """Return the time of a failure by the length of the path, NaN if unknown (n,)."""
+    lengths_m = _numbers(rows, "scores.path_length_m")
+    lengths_m = np.where(lengths_m == 0.0, math.nan, lengths_m)
+    return _failure_s(rows) / lengths_m
+
+
+def _nothing(rows: Rows) -> Floats:
+    """Return 0 per row (n,)."""
+    return np.zeros(len(rows))
+
+
 # A failure scores nothing, or takes the time that the protocol sets for it.
-_FAILURE_VALUES: dict[str, Callable[[TrialResult], float]] = {
-    "success": lambda _: 0.0,
-    "scored_time_s": lambda result: result.scores.failure_time_s,
-    "normalised_time_s_per_m": lambda result: (
-        # Where the length is unknown, failures have no value either.
-        result.scores.failure_time_s / (result.scores.path_length_m or math.nan)
-    ),
-    "challenge": lambda _: 0.0,
-    "challenge_2022": lambda _: 0.0,
-    "efficiency": lambda _: 0.0,
+_FAILURE_VALUES: dict[str, Callable[[Rows], Floats]] = {
+    "success": _nothing,
+    "scored_time_s": _failure_s,
+    "normalised_time_s_per_m": _failure_s_per_m,
+    "challenge": _nothing,
+    "challenge_2022": _nothing,
+    "efficiency": _nothing,
 }
 
 
@@ -71,8 +92,8 @@ class Measure:
         return value
 
     @property
-    def as_failure(self) -> Callable[[TrialResult], float] | None:
-        """Function from a result to its value as a failure; None without one."""
+    def as_failure(self) -> Callable[[Rows], Floats] | None:
+        """Function from results to their values as failures (n,); None without one."""
         return _FAILURE_VALUES.get(self.key)
 
     @property
@@ -100,15 +121,11 @@ class Measure:
 
         Failed trials do not count for measures of successes only.
         """
-        values: Floats = np.full(len(results), np.nan)
-        for position, result in enumerate(results):
-            # A collision after two seconds would else count as a quick run.
-            if self.successes_only and not result.scores.success:
-                continue
-            value = self.value(result)
-            if value is not None:
-                values[position] = value
-        return values
+        values = _numbers(results, self.path)
+        if not self.successes_only:
+            return values
+        # A collision after two seconds would else count as a quick run.
+        return np.where(column(results, "scores.success") == 1, values, math.nan)
 
     @property
     def best(self) -> float:
@@ -168,9 +185,7 @@ def with_moving_measures(keys: Sequence[str], *groups: Rows) -> tuple[str, ...]:
         keys: Keys of measures.
         *groups: Results of each planner.
     """
-    meets_motion = [
-        any(result.motion is not None for result in results) for results in groups
-    ]
+    meets_motion = [bool(has_motion(results).any()) for results in groups]
     # A comparison with a planner that met no motion would have no pairs.
     if meets_motion and all(meets_motion):
         return (*keys, *MOVING)
@@ -205,6 +220,6 @@ def clearance_measure(results: Rows) -> Measure:
 
     Where all trials are among moving obstacles, it is the clearance to these.
     """
-    if all(result.motion is not None for result in results):
+    if has_motion(results).all():
         return MEASURES["moving_clearance_m"]
     return MEASURES["min_clearance_m"]

@@ -1,24 +1,24 @@
 """Warnings about results that are compared."""
 
 from collections.abc import Hashable, Iterator, Mapping, Sequence
-from itertools import chain
-from operator import attrgetter
 from pathlib import Path
+
+import numpy as np
 
 from barn_eval.analysis.entries import Entry, board_class, computing_of
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.sources import Source, group_by_planner
 from barn_eval.results.commands import count_equal_commands
+from barn_eval.results.row_table import column, join, systems, take
 from barn_eval.results.run_file import CLAIMED, SUBMISSION_FILE
 from barn_eval.trials.result import (
     MAX_MISSED_SHARE,
     Rows,
-    TrialResult,
 )
 
 _MAX_NAMED_TRIALS = 5
 # What successes by equal commands have in common.
-_drive_key = attrgetter("world_checksum", "simulator_seed", "scores.traversal_time_s")
+_DRIVE_PATHS = ("world_checksum", "simulator_seed", "scores.traversal_time_s")
 
 
 def find_mixture(entries: Sequence[Entry]) -> Iterator[str]:
@@ -47,9 +47,10 @@ def find_mixture(entries: Sequence[Entry]) -> Iterator[str]:
 def list_notes(entries: Sequence[Entry]) -> list[str]:
     """Return all warnings on entries that are compared."""
     notes = list(find_mixture(entries))
-    results: dict[Source, list[TrialResult]] = {}
+    parts: dict[Source, list[Rows]] = {}
     for entry in entries:
-        results.setdefault(entry.source, []).extend(entry.results)
+        parts.setdefault(entry.source, []).append(entry.results)
+    results = {source: join(groups) for source, groups in parts.items()}
     for source, rows in results.items():
         notes += notes_on(source, rows)
     notes += _find_equal_planners(results)
@@ -63,19 +64,26 @@ def _find_equal_planners(results: Mapping[Source, Rows]) -> Iterator[str]:
     # opened for suspects only.
     planners: dict[Hashable, str] = {}
     suspects = set()
-    for row in chain.from_iterable(results.values()):
-        key = _drive_key(row)
-        if row.scores.success and planners.setdefault(key, row.planner) != row.planner:
-            suspects.add(key)
+    for rows in results.values():
+        for key, planner in _drives(take(rows, column(rows, "scores.success") == 1)):
+            if planners.setdefault(key, planner) != planner:
+                suspects.add(key)
 
     trials = []
     for source, rows in results.items():
-        for row in rows:
-            key = _drive_key(row)
-            if key in suspects and row.trial_id in source.commands:
-                trials.append((key, row.planner, source.commands[row.trial_id]))
+        trial_ids = column(rows, "trial_id")
+        for trial_id, (key, planner) in zip(trial_ids, _drives(rows), strict=True):
+            if key in suspects and trial_id in source.commands:
+                trials.append((key, planner, source.commands[trial_id]))
     for pair, count in count_equal_commands(trials).items():
         yield f"{' and '.join(pair)} have equal commands in {count} trials."
+
+
+def _drives(rows: Rows) -> Iterator[tuple[Hashable, str]]:
+    """Yield what successes by equal commands have in common, and the planner."""
+    columns = [column(rows, path).tolist() for path in _DRIVE_PATHS]
+    keys = zip(*columns, strict=True)
+    return zip(keys, column(rows, "planner").tolist(), strict=True)
 
 
 def notes_on(source: Source, results: Rows) -> list[str]:
@@ -102,10 +110,10 @@ def notes_on(source: Source, results: Rows) -> list[str]:
 
 def _describe_observations(path: Path, results: Rows) -> Iterator[str]:
     """Yield a sentence per system that was observed, and one on unknown contacts."""
-    systems = {row.observed.system for row in results if row.observed}
-    for system in sorted(systems):
+    for system in systems(results):
         yield f"{path}: trials of {system} were observed, not driven again"
-    unknown = sum(result.measures.contacts is None for result in results)
+    contacts = column(results, "measures.contacts").astype(np.float64)
+    unknown = np.count_nonzero(np.isnan(contacts))
     if unknown:
         yield (
             f"{path}: contacts of {unknown} of {len(results)} trials are unknown, as"
@@ -117,7 +125,8 @@ def _find_disturbances(path: Path, results: Rows) -> Iterator[str]:
     """Yield a sentence on trials with late commands and one on trials made again."""
     # Over ROS a busy machine delays commands, which no score can tell apart from a slow
     # planner.
-    late = sum(result.wall_clock.is_late for result in results)
+    missed_shares = column(results, "wall_clock.missed_share")
+    late = np.count_nonzero(missed_shares > MAX_MISSED_SHARE)
     if late:
         yield (
             f"{late} of {len(results)} trials in {path} are marked: more than "
@@ -125,7 +134,7 @@ def _find_disturbances(path: Path, results: Rows) -> Iterator[str]:
             "so they tell of the machine as well as of the planner"
         )
 
-    repeated = [result for result in results if result.wall_clock.attempts > 1]
+    repeated = take(results, column(results, "wall_clock.attempts") > 1)
     if repeated:
         names = ", ".join(
             f"{result.trial_id}: {result.wall_clock.retry_note}"

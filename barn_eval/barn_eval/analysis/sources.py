@@ -1,7 +1,7 @@
 """Results folders: their trials, configuration, worlds and tasks."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
@@ -13,6 +13,7 @@ import numpy as np
 from barn_eval.results.bags import BAGS
 from barn_eval.results.commands import parse_commands_line
 from barn_eval.results.folder import read_results, select_scored
+from barn_eval.results.row_table import RowTable, column, take
 from barn_eval.results.rows import COMMANDS_FILE, TRACKS_FILE, TrialLines
 from barn_eval.results.run_file import RunFile
 from barn_eval.results.table_files import (
@@ -54,7 +55,7 @@ class Source:
     kind: str
     """Whether it is a "run" of one planner, a "campaign" of several or a "table"."""
 
-    results: tuple[TrialResult, ...]
+    results: Rows
     """Scored trials by world, repetition and planner."""
 
     configuration: Mapping[str, Any]
@@ -108,20 +109,24 @@ class Source:
         )
 
     @cached_property
-    def comparable_results(self) -> tuple[TrialResult, ...]:
+    def comparable_results(self) -> Rows:
         """The trials; those without a declared speed cap as if it were the fastest command.
 
         Rows have the robot's limit there, by which a slow robot looks inefficient.
         """
-        results = []
+        if not self.commanded_mps:
+            return self.results
+        return RowTable.of(self._capped_results())
+
+    def _capped_results(self) -> Iterator[TrialResult]:
+        """Yield the trials with the caps of `commanded_mps`."""
+        period_s = self.run_config.protocol.longest_look_s
         for result in self.results:
-            if result.planner not in self.commanded_mps:
-                results.append(result)
-                continue
-            period_s = self.run_config.protocol.longest_look_s
-            cap_mps = self.commanded_mps[result.planner]
-            results.append(cap_result(result, cap_mps, period_s))
-        return tuple(results)
+            cap_mps = self.commanded_mps.get(result.planner)
+            if cap_mps is None:
+                yield result
+            else:
+                yield cap_result(result, cap_mps, period_s)
 
     @property
     def robot(self) -> str:
@@ -155,11 +160,11 @@ def read_source(path: Path, rows: Rows | None = None) -> Source:
         BarnError: A file cannot be read.
     """
     if is_table_file(path):
-        results = sorted(
-            read_table_file(path), key=lambda result: (result.world, result.repetition)
-        )
+        results: Rows = RowTable.of(read_table_file(path))
+        order = np.lexsort((column(results, "repetition"), column(results, "world")))
+        results = take(results, order)
         configuration = {"system": as_dict(TABLE_SYSTEM)}
-        return Source(path, "table", tuple(results), configuration, (), None)
+        return Source(path, "table", results, configuration, (), None)
     if rows is None:
         rows = read_results(path)
     run_file = RunFile.read(path)
@@ -169,19 +174,17 @@ def read_source(path: Path, rows: Rows | None = None) -> Source:
     planners = [str(choice.get("name")) for choice in choices]
     kind = "campaign" if len(planners) > 1 else "run"
     # A merged or edited folder may have rows of planners that run.json lacks.
-    planners += sorted({result.planner for result in results}.difference(planners))
+    names = column(results, "planner").tolist()
+    planners += sorted(set(names).difference(planners))
+    places = [planners.index(name) for name in names]
     # In the order of the schedule, so that nothing shows which worker was faster.
-    results.sort(
-        key=lambda result: (
-            result.world,
-            result.repetition,
-            planners.index(result.planner),
-        )
+    order = np.lexsort(
+        (places, column(results, "repetition"), column(results, "world"))
     )
     return Source(
         path=path,
         kind=kind,
-        results=tuple(results),
+        results=take(results, order),
         configuration=run_file.config,
         sessions=run_file.sessions,
         planned=_count_planned_trials(run_file.config),
@@ -228,9 +231,11 @@ def _fastest_commands(source: Source) -> dict[str, float]:
         return {}
 
     lines = source.commands
-    for result in source.results:
-        trial_id = result.trial_id
-        if result.planner not in speeds_mps:
+    planners = column(source.results, "planner")
+    for planner, trial_id in zip(
+        planners, column(source.results, "trial_id"), strict=True
+    ):
+        if planner not in speeds_mps:
             continue
         speeds: Floats = np.zeros(1)
         if trial_id in lines:
@@ -241,7 +246,7 @@ def _fastest_commands(source: Source) -> dict[str, float]:
             _, track = parse_track_line(source.tracks[trial_id], trial_id)
             speeds = track.samples[:, SPEEDS]
         fastest_mps = float(np.nanmax(np.abs(speeds), initial=0.0))
-        speeds_mps[result.planner] = max(speeds_mps[result.planner], fastest_mps)
+        speeds_mps[planner] = max(speeds_mps[planner], fastest_mps)
     return {planner: speed for planner, speed in speeds_mps.items() if speed > 0.0}
 
 
@@ -286,11 +291,12 @@ def _read_task(path: Path) -> dict[str, dict[str, Any]]:
     }
 
 
-def group_by_planner(results: Iterable[TrialResult]) -> RowsByPlanner:
-    """Return lists of results by planner name, in order of first appearance."""
-    groups: dict[str, list[TrialResult]] = {}
-    for result in results:
-        groups.setdefault(result.planner, []).append(result)
+def group_by_planner(results: Rows) -> RowsByPlanner:
+    """Return results by planner name, in order of first appearance."""
+    planners = column(results, "planner")
+    groups = {}
+    for planner in dict.fromkeys(planners.tolist()):
+        groups[planner] = take(results, planners == planner)
     return groups
 
 

@@ -13,6 +13,7 @@ from barn_eval.analysis.compare import (
     Comparison,
     adjust_by_holm,
     compare,
+    trial_places,
     trial_values,
 )
 from barn_eval.analysis.entries import Entry
@@ -34,8 +35,9 @@ from barn_eval.analysis.verdict import (
     conclude_ranking,
     rank_results,
 )
+from barn_eval.results.row_table import column, take
 from barn_eval.trials.outcome import Outcome
-from barn_eval.trials.result import Rows, TrialResult
+from barn_eval.trials.result import Rows
 from barn_metrics.bootstrap import Interval
 from barn_worlds.base.config import as_dict
 
@@ -140,8 +142,8 @@ def summarize(results: Rows, keys: Sequence[str] = SCORED, label: str = "") -> S
         keys: Keys of measures. The success rate is always among the means.
         label: Name of the planner in tables. By default its usual spelling.
     """
-    worlds = np.array([result.world for result in results], np.int64)
-    successes = np.array([result.scores.success for result in results], np.int64)
+    worlds = column(results, "world").astype(np.int64)
+    successes = column(results, "scores.success").astype(np.int64)
     # A share has an interval of its own, which holds no value beyond 0 and 1.
     means = {"success": proportion(successes, worlds)}
     for key in keys:
@@ -163,8 +165,8 @@ def summarize(results: Rows, keys: Sequence[str] = SCORED, label: str = "") -> S
 
 def count_outcomes(results: Rows) -> dict[str, int]:
     """Return the number of trials by outcome, in `Outcome` order, without zeros."""
-    counts = Counter(result.outcome for result in results)
-    return {o.value: counts[o] for o in Outcome if counts[o]}
+    counts = Counter(column(results, "outcome").tolist())
+    return {o.value: counts[o.value] for o in Outcome if counts[o.value]}
 
 
 def summarize_run(results: Rows) -> RunSummary:
@@ -238,18 +240,19 @@ def make_bars(entries: Sequence[Entry]) -> Bars:
     return Bars(rows, f"{end:.3g}", len(worlds))
 
 
-def common_trials(groups: Sequence[Rows]) -> list[list[TrialResult]]:
+def common_trials(groups: Sequence[Rows]) -> list[Rows]:
     """Return each planner's results in the worlds and repetitions that all have.
 
     Where there is no such trial, all results are returned.
     """
     # Else a planner with only easy worlds so far would seem to lead.
-    keys = [{(row.world, row.repetition) for row in rows} for rows in groups]
-    shared = set.intersection(*keys) or set.union(*keys)
-    return [
-        [row for row in rows if (row.world, row.repetition) in shared]
-        for rows in groups
-    ]
+    keys = [trial_places(rows).keys() for rows in groups]
+    shared = set.intersection(*map(set, keys)) or set().union(*keys)
+    common = []
+    for rows in groups:
+        places = [place for key, place in trial_places(rows).items() if key in shared]
+        common.append(take(rows, np.array(places, np.int64)))
+    return common
 
 
 def finite_keys(summaries: Sequence[Summary], keys: Iterable[str]) -> list[str]:

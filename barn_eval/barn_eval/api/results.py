@@ -119,10 +119,10 @@ class Results:
         self._planner_objects = dict(planner_objects or {})
         self._source: Source = read_source(self.folder)
 
-    @property
+    @cached_property
     def trials(self) -> tuple[TrialResult, ...]:
         """Scored rows of single trials, in the order of the schedule."""
-        return self._source.results
+        return tuple(self._source.results)
 
     @property
     def planners(self) -> list[str]:

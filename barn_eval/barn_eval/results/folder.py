@@ -29,7 +29,10 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from barn_eval.results.bags import BAGS
+from barn_eval.results.row_table import column, take
 from barn_eval.results.rows import (
     COMMANDS_FILE,
     ROWS_FILE,
@@ -42,6 +45,7 @@ from barn_eval.results.rows import (
 )
 from barn_eval.results.run_file import RUN_FILE, WORLDS, WORLDS_MANIFEST, RunFile
 from barn_eval.results.store import LOGS, TrialRecord
+from barn_eval.trials.outcome import ENVIRONMENT, SIMULATOR
 from barn_eval.trials.result import Rows, TrialResult
 from barn_eval.trials.run_config import UNKNOWN_SOURCE, ExecutionConfig, RunConfig
 from barn_eval.trials.spec import TrialSpec
@@ -75,7 +79,7 @@ class ResultsFolder:
         self._rows = RowFile(path)
         self._places = {spec.trial_id: place for place, spec in enumerate(specs)}
         self.completed = self._in_order(results)
-        self._completed_ids = {result.trial_id for result in results}
+        self._completed_ids = set(column(results, "trial_id"))
         self._schedule = order_trials_fairly(specs)
 
     @classmethod
@@ -133,7 +137,7 @@ class ResultsFolder:
             elif completed.dropped_count:
                 RowFile(path).replace(completed.results)
             # Trials without a row run again, and may then have no line of their own.
-            completed_ids = {result.trial_id for result in completed.results}
+            completed_ids = set(column(completed.results, "trial_id"))
             for name in (TRACKS_FILE, COMMANDS_FILE):
                 TrialLines(path / name).drop_others(completed_ids)
 
@@ -155,15 +159,16 @@ class ResultsFolder:
         """Number of trials of the run, with or without a row."""
         return len(self._places)
 
-    def results(self) -> list[TrialResult]:
+    def results(self) -> Rows:
         """Return all rows so far, in the order of trials, read again if any was added."""
         if len(self._completed_ids) == len(self.completed):
             return self.completed
         return self._in_order(self._rows.read())
 
-    def _in_order(self, results: Rows) -> list[TrialResult]:
+    def _in_order(self, results: Rows) -> Rows:
         """Return rows in the order of the run's trials, not that of their ends."""
-        return sorted(results, key=lambda result: self._places[result.trial_id])
+        trial_ids = column(results, "trial_id")
+        return take(results, np.argsort([self._places[name] for name in trial_ids]))
 
     def append(self, record: TrialRecord) -> None:
         """Append commands, track and, last, row of a trial, each synced to the disk.
@@ -221,7 +226,7 @@ class ResultsFolder:
         # Each note begins with its time; further lines are of a traceback.
         return len(re.findall(r"^\d{4}-\d\d-\d\dT", text, re.MULTILINE))
 
-    def complete(self) -> list[TrialResult]:
+    def complete(self) -> Rows:
         """Write the result tables, sort tracks.jsonl, and return all rows.
 
         Raises:
@@ -325,7 +330,7 @@ def find_completed(
     if previous is None or overwrite:
         return CompletedTrials()
     rows = RowFile(path).read()
-    results = [row for row in rows if row.is_scored]
+    results = _scored(rows)
     if not results:
         return CompletedTrials()
 
@@ -383,11 +388,11 @@ def require_row_of_trial(
         "simulator_seed": spec.simulator_seed,
         "planner_seed": spec.planner_seed,
     }
-    for column, value in columns.items():
-        row_value = getattr(result, column)
+    for name, value in columns.items():
+        row_value = getattr(result, name)
         if row_value != value:
             raise ConfigError(
-                f"{path}: {result.trial_id} has {column} {row_value!r}, must have"
+                f"{path}: {result.trial_id} has {name} {row_value!r}, must have"
                 f" {value!r}"
             )
     _require_task(result, run_file)
@@ -410,7 +415,7 @@ def default_folder() -> Path:
     return Path("out") / datetime.now().strftime("run_%Y%m%d_%H%M%S_%f")
 
 
-def read_results(path: Path) -> list[TrialResult]:
+def read_results(path: Path) -> Rows:
     """Return the scored rows of a run's folder in the order in which trials ended.
 
     The run may be unfinished.
@@ -419,7 +424,7 @@ def read_results(path: Path) -> list[TrialResult]:
         ConfigError: There are none, or one belongs to another task.
     """
     rows = RowFile(path).read()
-    if not any(row.is_scored for row in rows):
+    if not _scored(rows):
         problem = "holds no results of a run"
         if rows:
             problem = f"has no scored trial; {rows[0].trial_id}: {rows[0].detail}"
@@ -427,7 +432,7 @@ def read_results(path: Path) -> list[TrialResult]:
     return select_scored(RunFile.read(path), rows)
 
 
-def select_scored(run_file: RunFile, rows: Rows) -> list[TrialResult]:
+def select_scored(run_file: RunFile, rows: Rows) -> Rows:
     """Return the rows that count: without failures of simulator or environment.
 
     Args:
@@ -437,10 +442,18 @@ def select_scored(run_file: RunFile, rows: Rows) -> list[TrialResult]:
     Raises:
         ConfigError: A row belongs to another task.
     """
-    results = [row for row in rows if row.is_scored]
-    for result in results:
-        _require_task(result, run_file)
+    results = _scored(rows)
+    # The first row of each task stands for the others.
+    _, first = np.unique(column(results, "task").astype(str), return_index=True)
+    for position in np.sort(first).tolist():
+        _require_task(results[position], run_file)
     return results
+
+
+def _scored(rows: Rows) -> Rows:
+    """Return the rows for which `is_scored` is true."""
+    faults = column(rows, "fault").astype(str)
+    return take(rows, ~np.isin(faults, [SIMULATOR, ENVIRONMENT]))
 
 
 def _remove_results(path: Path, *, logs: bool) -> None:

@@ -3,13 +3,12 @@
 import io
 import os
 import re
-import typing
 import weakref
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Set
 from contextlib import suppress
-from enum import Enum
 from functools import cached_property
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +16,17 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
+from barn_eval.results.row_table import (
+    BATCH_ROWS,
+    RowTable,
+    has_motion,
+    parse_rows,
+    record_fields,
+    systems,
+)
 from barn_eval.results.run_file import RunFile
 from barn_eval.results.tracks import parse_trial_line
 from barn_eval.trials.encounters import Encounters
-from barn_eval.trials.outcome import Scores
 from barn_eval.trials.result import (
     Rows,
     TrialResult,
@@ -29,7 +35,6 @@ from barn_eval.trials.result import (
     to_json_line,
 )
 from barn_eval.trials.system import ObservedTrial
-from barn_eval.trials.trajectory import Measures
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError, StoreError, convert_os_errors
 from barn_worlds.base.files import (
@@ -75,22 +80,30 @@ class RowFile:
         lines = (f"{seal_line(to_json_line(row))}\n".encode() for row in results)
         write_parts_durably(self.path, lines)
 
-    def read(self) -> list[TrialResult]:
-        """Return all rows in file order, but a torn last line; [] without a file.
+    def read(self) -> RowTable:
+        """Return all rows in file order, but a torn last line; none without a file.
 
         A last line that a kill cut off is left out.
 
         Raises:
             ConfigError: A line is damaged, or a trial has two rows.
         """
-        rows: dict[str, TrialResult] = {}
         parser = RowParser(self.path.parent)
-        for where, line in read_lines(self.path):
-            row = parser.parse(unseal_line(line, where), where)
-            if row.trial_id in rows:
-                raise ConfigError(f"{where}: trial {row.trial_id} is there already")
-            rows[row.trial_id] = row
-        return list(rows.values())
+        trial_ids: set[str] = set()
+        tables = []
+        lines = read_lines(self.path)
+        while batch := list(islice(lines, BATCH_ROWS)):
+            places = [where for where, _ in batch]
+            texts = [unseal_line(line, where) for where, line in batch]
+            rows = parse_rows(texts)
+            if rows is None:
+                rows = RowTable.of(map(parser.parse, texts, places))
+            for where, trial_id in zip(places, rows.column("trial_id"), strict=True):
+                if trial_id in trial_ids:
+                    raise ConfigError(f"{where}: trial {trial_id} is there already")
+                trial_ids.add(trial_id)
+            tables.append(rows)
+        return RowTable.join(tables)
 
 
 class RowParser:
@@ -280,44 +293,47 @@ def _drop_torn_line(file: io.FileIO) -> int:
 # Fields of a result that are no columns of the table of results.
 _NO_COLUMNS = ("wall_clock", "motion", "observed", "delays")
 
-_COLUMN_TYPES: dict[type, pa.DataType] = {
-    bool: pa.bool_(),
-    int: pa.int64(),
-    float: pa.float64(),
-    str: pa.string(),
-}
-
 
 def results_table(results: Rows) -> pa.Table:
     """Return an Arrow table of the rows in their order, without wall-clock figures."""
     columns = [*_columns(TrialResult), ("waited_s", pa.float64())]
     # Runs in worlds where nothing moves have the columns that they always had.
-    if any(result.motion is not None for result in results):
+    if has_motion(results).any():
         columns += _columns(Encounters)
         columns += [("hit_at_rest", pa.bool_()), ("not_at_fault", pa.bool_())]
-    if any(result.observed is not None for result in results):
+    if systems(results):
         columns += _columns(ObservedTrial)
 
-    rows = []
-    for result in results:
-        row: dict[str, Any] = {"waited_s": result.waited_s}
-        for name, value in result.repeatable().items():
-            row |= value if isinstance(value, dict) else {name: value}
-        if result.motion is not None:
-            row["hit_at_rest"] = result.motion.hit_at_rest
-            row["not_at_fault"] = result.motion.not_at_fault
-        rows.append(row)
+    return _make_table(map(_row_content, results), pa.schema(columns))
+
+
+def _row_content(result: TrialResult) -> dict[str, Any]:
+    """Return a row as a flat dict of columns, with more than a table may have."""
+    row: dict[str, Any] = {"waited_s": result.waited_s}
+    for name, value in result.repeatable().items():
+        row |= value if isinstance(value, dict) else {name: value}
+    if result.motion is not None:
+        row["hit_at_rest"] = result.motion.hit_at_rest
+        row["not_at_fault"] = result.motion.not_at_fault
+    return row
+
+
+def _make_table(rows: Iterator[dict[str, Any]], schema: pa.Schema) -> pa.Table:
+    """Return a table of rows, of which few are in memory at a time."""
     # With a schema, a column has its type even where no row has a value.
-    return pa.Table.from_pylist(rows, pa.schema(columns))
+    parts = [schema.empty_table()]
+    while batch := list(islice(rows, BATCH_ROWS)):
+        parts.append(pa.Table.from_pylist(batch, schema))
+    return pa.concat_tables(parts).combine_chunks()
 
 
 def timing_table(results: Rows) -> pa.Table:
     """Return an Arrow table of the trials' names and wall-clock figures."""
     schema = pa.schema([("trial_id", pa.string()), *_columns(WallClock)])
-    rows = [
+    rows = (
         {"trial_id": result.trial_id} | as_dict(result.wall_clock) for result in results
-    ]
-    return pa.Table.from_pylist(rows, schema)
+    )
+    return _make_table(rows, schema)
 
 
 def write_tables(folder: Path, results: Rows) -> None:
@@ -345,17 +361,12 @@ def csv_bytes(table: pa.Table) -> bytes:
     return buffer.getvalue()
 
 
-def _columns(record: type[Any]) -> Iterator[tuple[str, pa.DataType]]:
+def _columns(record: Any) -> Iterator[tuple[str, pa.DataType]]:
     """Yield name and Arrow type of a dataclass's columns, scores and measures flat."""
-    for name, hint in typing.get_type_hints(record).items():
-        if name in _NO_COLUMNS:
+    for item in record_fields(record):
+        if item.name in _NO_COLUMNS:
             continue
-        # Of an optional field, the type that it has if it is there.
-        options = [kind for kind in typing.get_args(hint) if kind is not type(None)]
-        kind = options[0] if options else hint
-        if issubclass(kind, (Scores, Measures)):
-            yield from _columns(kind)
-        elif issubclass(kind, Enum):
-            yield name, pa.string()
+        if item.is_record:
+            yield from _columns(item.kind)
         else:
-            yield name, _COLUMN_TYPES[kind]
+            yield item.name, item.arrow_type

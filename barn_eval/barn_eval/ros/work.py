@@ -17,7 +17,7 @@ from barn_eval.running.pool import DirectWork, Emit, Job, Work
 from barn_eval.running.reporting import Reporter
 from barn_eval.running.request import RunRequest
 from barn_eval.running.run import open_run
-from barn_eval.trials.result import TrialResult
+from barn_eval.trials.result import Rows
 from barn_eval.trials.ros_config import RosConfig
 from barn_eval.trials.run_config import RunConfig
 from barn_eval.trials.spec import TrialSpec
@@ -165,7 +165,7 @@ def require_ros(config: RunConfig, reporter: Reporter) -> None:
 
 def run_request(
     request: RunRequest, reporter: Reporter, *, overwrite: bool = False
-) -> list[TrialResult]:
+) -> Rows:
     """Run the trials that have no result yet; return all results, old ones included.
 
     Args:

@@ -17,7 +17,7 @@ from barn_eval.results.tracks import track_line
 from barn_eval.running.request import RunRequest
 from barn_eval.running.segments import UNKNOWN_PLANNER, Segment, judge_segment
 from barn_eval.trials.protocol import load_protocol
-from barn_eval.trials.result import TrialResult
+from barn_eval.trials.result import Rows
 from barn_eval.trials.ros_config import RosConfig
 from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfig
 from barn_eval.trials.spec import simulator_config
@@ -123,7 +123,7 @@ def judge(
     course: Sequence[float] = (),
     *,
     overwrite: bool = False,
-) -> tuple[RunRequest, list[TrialResult]]:
+) -> tuple[RunRequest, Rows]:
     """Judge the trials of bags, and write rows and tracks as a run does.
 
     Args:

@@ -96,7 +96,7 @@ class Run:
     # Pool shared with other runs, if any.
     pool: WorkerPool | None
 
-    def drive(self, worlds: Collection[int] | None = None) -> list[TrialResult]:
+    def drive(self, worlds: Collection[int] | None = None) -> Rows:
         """Run missing trials and return all results; write tables if none is missing.
 
         Args:

@@ -192,8 +192,10 @@ def verify(path: str | Path, folder: str | Path) -> tuple[FolderCheck, dict[str,
         problems.append(f"{path}: has {check.rows} of {check.trials} trials")
     # Extra rows belong to no trial; the check reports them.
     elif len(rows) == check.trials:
-        rows.sort(key=lambda row: (row.world, row.repetition, names.index(row.planner)))
-        write_tables(folder, rows)
+        ordered = sorted(
+            rows, key=lambda row: (row.world, row.repetition, names.index(row.planner))
+        )
+        write_tables(folder, ordered)
     # The folder may be temporary, but users know their file.
     check.problems = [line.replace(str(folder), str(path)) for line in problems]
 

@@ -1,0 +1,339 @@
+"""Rows as columns, in which a million rows take less than a gigabyte."""
+
+import math
+import typing
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import MISSING, dataclass, fields, is_dataclass
+from enum import Enum
+from functools import cache
+from itertools import chain, islice
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.json
+
+from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.result import SCHEMA_VERSION, Rows, TrialResult
+from barn_worlds.base.arrays import Bools, Integers
+from barn_worlds.base.config import as_dict
+
+# So many rows are in memory as objects while a table is read or iterated over.
+BATCH_ROWS = 1024
+
+_ARROW_TYPES: dict[type, pa.DataType] = {
+    bool: pa.bool_(),
+    int: pa.int64(),
+    float: pa.float64(),
+    str: pa.string(),
+}
+
+
+@dataclass(frozen=True)
+class RecordField:
+    """A field of a row, or of a record in it."""
+
+    name: str
+    kind: Any
+    """Its type where it has a value."""
+
+    is_optional: bool
+    """Whether None is allowed."""
+
+    default: Any
+    """Value without one in the file, MISSING if there has to be one."""
+
+    @property
+    def is_record(self) -> bool:
+        """Whether it has fields of its own."""
+        return is_dataclass(self.kind)
+
+    @property
+    def arrow_type(self) -> pa.DataType:
+        """Type of its column; a struct for a record."""
+        if self.is_record:
+            members = [
+                (item.name, item.arrow_type) for item in record_fields(self.kind)
+            ]
+            return pa.struct(members)
+        return _ARROW_TYPES[str if issubclass(self.kind, Enum) else self.kind]
+
+
+@cache
+def record_fields(record: Any) -> list[RecordField]:
+    """Return the fields of a dataclass of rows, in their order."""
+    hints = typing.get_type_hints(record)
+    records = []
+    for item in fields(record):
+        hint = hints[item.name]
+        # Of an optional field, the type that it has if it is there.
+        kinds = [kind for kind in typing.get_args(hint) if kind is not type(None)]
+        kind = kinds[0] if kinds else hint
+        records.append(RecordField(item.name, kind, bool(kinds), item.default))
+    return records
+
+
+_SCHEMA = pa.schema(
+    [(item.name, item.arrow_type) for item in record_fields(TrialResult)]
+)
+
+
+class RowTable(Sequence[TrialResult]):
+    """Rows as columns; a row is made when it is asked for."""
+
+    __hash__ = None  # type: ignore[assignment]  # as of a list
+
+    def __init__(self, table: pa.Table, positions: Integers | None = None) -> None:
+        """Refer to rows of a table.
+
+        Args:
+            table: Columns by dotted name, such as "scores.success".
+            positions: Indices (n,) of the rows in the table. By default, all.
+        """
+        self._table = table
+        if positions is None:
+            positions = np.arange(table.num_rows)
+        self._positions = positions
+
+    @classmethod
+    def of(cls, rows: Iterable[TrialResult]) -> "RowTable":
+        """Return a table of rows, of which few are in memory at a time."""
+        iterator = iter(rows)
+        tables = []
+        while batch := list(map(as_dict, islice(iterator, BATCH_ROWS))):
+            tables.append(cls(_flatten(pa.Table.from_pylist(batch, _SCHEMA))))
+        return cls.join(tables)
+
+    @classmethod
+    def join(cls, tables: Sequence["RowTable"]) -> "RowTable":
+        """Return the rows of several tables, one after the other."""
+        parts = {id(rows._table): rows._table for rows in tables}
+        # Rows of one table are not copied.
+        if len(parts) == 1:
+            positions = np.concatenate([rows._positions for rows in tables])
+            return cls(tables[0]._table, positions)
+        copies = [rows._select(rows._positions) for rows in tables]
+        copies = copies or [_flatten(_SCHEMA.empty_table())]
+        return cls(pa.concat_tables(copies).unify_dictionaries())
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return len(self._positions)
+
+    def __getitem__(self, index: Any) -> Any:
+        """Return the row at an index, or the rows of a slice as a table."""
+        positions = self._positions[index]
+        if isinstance(index, slice):
+            return RowTable(self._table, positions)
+        return _make_rows(self._table.slice(positions, 1))[0]
+
+    def __iter__(self) -> Iterator[TrialResult]:
+        """Make the rows, some at a time."""
+        for start in range(0, len(self), BATCH_ROWS):
+            yield from _make_rows(
+                self._select(self._positions[start : start + BATCH_ROWS])
+            )
+
+    def __eq__(self, other: object) -> bool:
+        """Tell whether another sequence has equal rows."""
+        return isinstance(other, Sequence) and list(self) == list(other)
+
+    def _select(self, positions: Integers) -> pa.Table:
+        """Return the rows at these indices of the table as a table of their own."""
+        buffers = [None, pa.py_buffer(positions.astype(np.int64))]
+        return self._table.take(
+            pa.Array.from_buffers(pa.int64(), len(positions), buffers)
+        )
+
+    def take(self, positions: Integers | Bools) -> "RowTable":
+        """Return the rows at these indices, or where a mask is true, in that order."""
+        return RowTable(self._table, self._positions[positions])
+
+    def has(self, path: str) -> bool:
+        """Tell whether a dotted name is that of a column."""
+        return path in self._table.column_names
+
+    def column(self, path: str) -> Any:
+        """Return a column as an array (n,), NaN where a number is missing."""
+        return _as_array(self._table[path])[self._positions]
+
+
+def column(rows: Rows, path: str) -> Any:
+    """Return a value of each row as an array (n,), NaN where it has none.
+
+    Args:
+        rows: Any rows; those of a table are not made for it.
+        path: Dotted name of a field or property, such as "scores.success".
+    """
+    if isinstance(rows, RowTable) and rows.has(path):
+        return rows.column(path)
+    values = []
+    for row in rows:
+        value: Any = row
+        # Only trials among moving obstacles have `motion`.
+        for name in path.split("."):
+            value = getattr(value, name, None)
+        values.append(math.nan if value is None else value)
+    return np.array(values)
+
+
+def take(rows: Rows, positions: Integers | Bools) -> Rows:
+    """Return the rows at these indices, or where a mask is true, in that order."""
+    if isinstance(rows, RowTable):
+        return rows.take(positions)
+    return [rows[k] for k in np.arange(len(rows))[positions].tolist()]
+
+
+def join(parts: Sequence[Rows]) -> Rows:
+    """Return the rows of all parts, as a table if they are in tables."""
+    if all(isinstance(part, RowTable) for part in parts):
+        return RowTable.join(typing.cast("Sequence[RowTable]", parts))
+    return tuple(chain.from_iterable(parts))
+
+
+def has_motion(rows: Rows) -> Bools:
+    """Tell of each row whether its trial was among moving obstacles (n,)."""
+    phases_s = column(rows, "motion.phase_s")
+    is_moving: Bools = ~np.isnan(phases_s)
+    return is_moving
+
+
+def systems(rows: Rows) -> list[str]:
+    """Return the names of systems in which trials were only observed."""
+    names = set(column(rows, "observed.system").tolist())
+    return sorted(name for name in names if isinstance(name, str))
+
+
+def parse_rows(lines: Sequence[str]) -> RowTable | None:
+    """Return the rows in lines as this version writes them, without checksum.
+
+    None if there may be anything else in one, which then has to be read by itself: an
+    older schema, or what is refused.
+    """
+    text = "\n".join(lines)
+    # What begins so is an object of its own, as no nested object has this key. Arrow
+    # reads all of Unicode but lone surrogates as Python does.
+    begins = all(line.startswith('{"trial_id":') for line in lines)
+    if not begins or "\\ud" in text.lower():
+        return None
+    data = text.encode()
+    try:
+        table = pa.json.read_json(
+            pa.BufferReader(data),
+            pa.json.ReadOptions(use_threads=False, block_size=len(data) + 1),
+            pa.json.ParseOptions(_SCHEMA, unexpected_field_behavior="error"),
+        )
+    except pa.ArrowException:
+        return None
+    records = table.combine_chunks().to_struct_array().combine_chunks()
+    is_whole = len(records) == len(lines) and _has_all(records, TrialResult, text)
+    outcomes = set(table["outcome"].unique().to_pylist())
+    schemas = table["schema_version"].unique().to_pylist()
+    if is_whole and outcomes <= set(Outcome) and schemas == [SCHEMA_VERSION]:
+        return RowTable(_flatten(table))
+    return None
+
+
+def _has_all(records: pa.StructArray, kind: Any, text: str) -> bool:
+    """Tell whether records lack nothing that is required, and numbers are finite.
+
+    Args:
+        records: Array of structs, none of them null.
+        kind: Their dataclass.
+        text: The JSON that they are read from.
+    """
+    for item in record_fields(kind):
+        values = records.field(item.name)
+        if item.kind is float and not _are_finite(values):
+            return False
+        if values.null_count and not _may_be_null(item, values.null_count, text):
+            return False
+        is_record = item.is_record
+        if is_record and not _has_all(values.drop_null(), item.kind, text):
+            return False
+    return True
+
+
+def _are_finite(values: pa.Array) -> bool:
+    """Tell whether numbers are finite, and of 64 bits if they were integers."""
+    numbers = np.from_dlpack(values.drop_null())
+    return bool((np.abs(numbers) < 2.0**63).all())
+
+
+def _as_array(values: pa.ChunkedArray) -> Any:
+    """Return a column as an array (n,), NaN where a number is missing."""
+    # `to_numpy` would import pandas, which takes half a second and 50 MB.
+    if pa.types.is_dictionary(values.type):
+        array = values.combine_chunks()
+        texts = np.array([*array.dictionary.to_pylist(), None], np.object_)
+        codes = _as_array(pa.chunked_array([array.indices]))
+        return texts[np.nan_to_num(codes, nan=-1.0).astype(np.int64)]
+    if pa.types.is_string(values.type):
+        return np.array(values.to_pylist(), np.object_)
+    if pa.types.is_boolean(values.type):
+        return _as_array(values.cast(pa.int8())) == 1
+    if not values.null_count:
+        return np.from_dlpack(values.combine_chunks())
+    numbers = np.full(len(values), math.nan)
+    numbers[_as_array(values.is_valid())] = _as_array(values.drop_null())
+    return numbers
+
+
+def _may_be_null(item: RecordField, nulls: int, text: str) -> bool:
+    """Tell whether a field may be null so many times; Arrow takes missing for null."""
+    if item.is_optional:
+        is_given = text.count(f'"{item.name}":null') == nulls
+        return is_given or item.default is not MISSING
+    # Left out, it has its default; as null, it is refused.
+    return item.default is not MISSING and f'"{item.name}"' not in text
+
+
+def _flatten(table: pa.Table) -> pa.Table:
+    """Return a table with columns of dotted names in place of structs.
+
+    Texts are kept once each, since most are the same in many rows.
+    """
+    while any(map(pa.types.is_struct, table.schema.types)):
+        table = table.flatten()
+    columns = []
+    for name, values in zip(table.column_names, table.columns, strict=True):
+        is_repeated = pa.types.is_string(values.type) and name != "trial_id"
+        columns.append(values.dictionary_encode() if is_repeated else values)
+    return pa.Table.from_arrays(columns, table.column_names)
+
+
+def _make_rows(table: pa.Table) -> list[TrialResult]:
+    """Return the rows of a table with dotted names as objects."""
+    columns = {}
+    for name, values in zip(table.column_names, table.columns, strict=True):
+        columns[name] = values.to_pylist()
+    return _make_records(TrialResult, columns, "")
+
+
+def _make_records(
+    kind: Any, columns: Mapping[str, list[Any]], prefix: str
+) -> list[Any]:
+    """Return a record per row, or None where its first field has no value.
+
+    Args:
+        kind: Dataclass of the records.
+        columns: Values by dotted name.
+        prefix: What the names of its fields begin with.
+    """
+    arguments = []
+    for item in record_fields(kind):
+        path = prefix + item.name
+        if item.is_record:
+            values = _make_records(item.kind, columns, f"{path}.")
+        else:
+            values = columns[path]
+        if issubclass(item.kind, Enum):
+            values = list(map(item.kind, values))
+        elif not item.is_optional and item.default is not MISSING:
+            values = [item.default if value is None else value for value in values]
+        arguments.append(values)
+    # Its first field is required, so only a record that is missing lacks it.
+    return [
+        None if values[0] is None else kind(*values)
+        for values in zip(*arguments, strict=True)
+    ]
