@@ -173,6 +173,8 @@ def column(rows: Rows, path: str) -> Any:
         # Only trials among moving obstacles have `motion`.
         for name in path.split("."):
             value = getattr(value, name, None)
+        if isinstance(value, Enum):
+            value = value.value
         values.append(math.nan if value is None else value)
     return np.array(values)
 
