@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from evaluation import EvaluationConfig, evaluate
 from judge_difficulty import main as judge
-from model.test_model import make_trials
 from refusals import refused
 from reproduce_work import experiment_of, write_invented
+from test_difficulty_judging import make_trials
 from trial_sources import join_trials, load_trials, read_trials
 
 from barn_eval.analysis.sources import read_source
 from barn_eval.trials.outcome import Outcome
 from barn_metrics.model import ModelError, load_model
-from barn_metrics.model.evaluation import EvaluationConfig, evaluate
 from barn_worlds.base.errors import BarnError
 from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.formats.dataset_file import write_dataset_file

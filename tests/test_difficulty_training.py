@@ -4,16 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from model.test_model import make_trials
-from refusals import refused
-
-from barn_metrics.model import ModelError, load_model, save_model
-from barn_metrics.model.evaluation import (
+from evaluation import (
     WEIGHTS,
     EvaluationConfig,
     evaluate,
     noise_ceiling,
 )
+from refusals import refused
+from test_difficulty_judging import make_trials
+
+from barn_metrics.model import ModelError, load_model, save_model
 from barn_metrics.model.inputs import inputs_of
 from barn_worlds.datasets.dataset import open_dataset
 

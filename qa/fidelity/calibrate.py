@@ -11,12 +11,16 @@ times over the published ones, world by world.
 """
 
 import json
+import sys
 from pathlib import Path
 
 import click
-from calibration import FIGURES, Calibration, CalibrationReport, calibrate
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "studies/difficulty"))
+
+from calibration import FIGURES, Calibration, CalibrationReport, calibrate
 
 from barn_eval.commands.options import console
 from barn_eval.commands.tables import FittedTable, table

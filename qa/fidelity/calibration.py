@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from evaluation import determination
 from published import FAILURE_TIME_S, TimedTrials, read_published
 
 from barn_eval.analysis.entries import Entry, read_entries
@@ -19,7 +20,6 @@ from barn_eval.analysis.statistics import (
     repetition_spread,
 )
 from barn_metrics.bootstrap import Interval, bootstrap_interval
-from barn_metrics.model.evaluation import determination
 from barn_worlds.base.arrays import Floats, Integers
 from barn_worlds.base.errors import ConfigError
 

@@ -11,6 +11,7 @@ over worlds.
 import csv
 import math
 import re
+import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,9 +20,12 @@ import click
 import numpy as np
 import numpy.typing as npt
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "studies/difficulty"))
+
+from evaluation import EvaluationConfig, evaluate
+from trial_sources import Trials
+
 from barn_metrics.model import load_model
-from barn_metrics.model.evaluation import EvaluationConfig, evaluate
-from barn_metrics.model.trials import Trials
 from barn_worlds.base.arrays import Floats, Integers
 from barn_worlds.base.errors import (
     BarnError,

@@ -14,12 +14,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import click
-from rich.console import Console
-from rich.table import Table
-from trial_sources import load_trials
-
-from barn_metrics.model import load_model
-from barn_metrics.model.evaluation import (
+from evaluation import (
     EvaluationConfig,
     ModelScore,
     cross_validate,
@@ -27,8 +22,12 @@ from barn_metrics.model.evaluation import (
     score_predictions,
     score_ridge,
 )
+from rich.console import Console
+from rich.table import Table
+from trial_sources import Trials, load_trials, worlds_with_trials
+
+from barn_metrics.model import load_model
 from barn_metrics.model.inputs import inputs_of
-from barn_metrics.model.trials import Trials, worlds_with_trials
 from barn_worlds.base.arrays import Bools, Floats
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import BarnError

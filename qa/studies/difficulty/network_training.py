@@ -11,19 +11,19 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from evaluation import fold_masks
 from torch import Tensor
-
-from barn_metrics.model import predictor
-from barn_metrics.model.evaluation import fold_masks
-from barn_metrics.model.inputs import inputs_of, summary_names
-from barn_metrics.model.predictor import DILATIONS, DifficultyModel, Layer, RouteNetwork
-from barn_metrics.model.route import PRESENT, mirror_strips
-from barn_metrics.model.trials import (
+from trial_sources import (
     RESERVED_DATASET,
     Trials,
     find_reserved_world,
     worlds_with_trials,
 )
+
+from barn_metrics.model import predictor
+from barn_metrics.model.inputs import inputs_of, summary_names
+from barn_metrics.model.predictor import DILATIONS, DifficultyModel, Layer, RouteNetwork
+from barn_metrics.model.route import PRESENT, mirror_strips
 from barn_worlds.base.arrays import Bools, Floats
 from barn_worlds.base.errors import ModelError
 from barn_worlds.worlds.world import World

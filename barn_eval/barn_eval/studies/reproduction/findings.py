@@ -23,13 +23,11 @@ from barn_eval.trials.protocol import PAPER_2020
 from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfig
 from barn_eval.trials.spec import simulator_config
 from barn_metrics.model import load_model
-from barn_metrics.model.evaluation import Evaluation, EvaluationConfig, evaluate
-from barn_metrics.model.trials import Trials
 from barn_worlds.base.config import Checked, as_dict, quantity
 from barn_worlds.base.text_files import make_json_safe
 from barn_worlds.datasets.dataset import open_dataset
 
-SCHEMA_VERSION = 4
+SCHEMA_VERSION = 5
 
 
 @dataclass(frozen=True)
@@ -48,11 +46,9 @@ class ReproduceConfig(Checked):
         paper.REPETITIONS, "trials per world and planner", "", 2, 99
     )
     seed: int = quantity(0, "all randomness comes from it", "", 0, 2**31)
-    folds: int = quantity(10, "parts that held-out worlds are taken in", "", 2, 100)
-    repeats: int = quantity(5, "how often they are drawn anew", "", 1, 100)
 
 
-QUICK = ReproduceConfig(strata=40, folds=5, repeats=1)
+QUICK = ReproduceConfig(strata=40)
 
 
 @dataclass(frozen=True)
@@ -74,7 +70,7 @@ class Findings:
     scope: Scope
     metrics: paper.MetricsFinding
     trials: paper.TrialsFinding
-    learning: Evaluation
+    model: paper.ModelFinding
     schema_version: int = SCHEMA_VERSION
 
 
@@ -136,23 +132,19 @@ def reproduce(
         results = run.drive()
 
     planner_trials = paper.group_trials(results, str(run_folder))
-    world_numbers = [int(number) for number in planner_trials["dwa"].worlds]
-    worlds = {number: dataset.load(number) for number in world_numbers}
+    trials = paper.summarize_trials(planner_trials, config.seed)
     scope = Scope(
         config,
         dataset.checksum,
         len(dataset.world_numbers),
-        len(worlds),
+        len(trials.worlds),
         PAPER_2020.name,
-    )
-    evaluation = EvaluationConfig(
-        folds=config.folds, repeats=config.repeats, seed=config.seed
     )
     findings = Findings(
         scope,
         paper.summarize_metrics(dataset, config.seed),
-        paper.summarize_trials(planner_trials, config.seed),
-        evaluate(worlds, _model_trials(planner_trials), model, evaluation),
+        trials,
+        paper.judge_model(model, dataset, trials.worlds, config.seed),
     )
     return findings, Origin.of(RunFile.read(run_folder).sessions)
 
@@ -194,17 +186,3 @@ def draw_worlds(
     generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1,)))
     parts = np.array_split(np.asarray(world_numbers, np.int64), strata)
     return tuple(int(part[int(generator.random() * len(part))]) for part in parts)
-
-
-def _model_trials(planner_trials: Mapping[str, paper.PlannerTrials]) -> Trials:
-    """Return all planners' trials as flat arrays for the difficulty model."""
-    planners: list[str] = []
-    for planner, trials in planner_trials.items():
-        planners += [planner] * trials.time_s.size
-    groups = planner_trials.values()
-    return Trials(
-        np.concatenate([trials.trial_worlds for trials in groups]),
-        tuple(planners),
-        np.concatenate([trials.normalised_s_per_m.ravel() for trials in groups]),
-        np.concatenate([trials.succeeded.ravel() for trials in groups]),
-    )

@@ -16,7 +16,6 @@ from barn_eval.studies.reproduction.findings import (
 from barn_eval.studies.reproduction.trials import PLANNERS
 from barn_eval.trials.outcome import Outcome
 from barn_metrics.bootstrap import Interval
-from barn_metrics.model.evaluation import RIDGE, RIDGE_TITLE, WEIGHTS
 from barn_metrics.report import TABLE_II
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.files import write_durably
@@ -76,7 +75,6 @@ def page(findings: Findings, origin: Origin) -> str:
         paper=PAPER,
         table_ii=TABLE_II,
         outcomes=[outcome.value for outcome in Outcome],
-        variance=float(np.var(findings.learning.difficulty)),
         above=above,
         contains=contains,
     )
@@ -122,12 +120,9 @@ def worlds_figure(findings: Findings) -> Figure:
         axes.plot(places, means, color=color, lw=1.2, label="mean of a world's trials")
         label_axes(axes, "", "time per meter [s/m]", _TITLES[name])
 
-    learning = findings.learning
-    # The evaluation has the worlds by number, the figure by difficulty.
-    place_of = {row.world: place for place, row in enumerate(rows, 1)}
     panels[-1].scatter(
-        [place_of[world] for world in learning.world_numbers],
-        learning.score(WEIGHTS).predictions,
+        places,
+        findings.model.predicted_s_per_m,
         marker=".",
         s=14,
         color=INK,
@@ -144,31 +139,22 @@ def worlds_figure(findings: Findings) -> Figure:
 
 
 def model_figure(findings: Findings) -> Figure:
-    """Return a plot of measured against held-out predicted difficulty [s/m].
-
-    One panel is of ridge regression, the other of the suite's model.
-    """
-    learning = findings.learning
+    """Return a plot of measured over predicted difficulty [s/m] of held-out worlds."""
+    model = findings.model
+    measured = [row.mean_s_per_m["both"] for row in findings.trials.worlds]
     figure = new_figure(5.6)
-    panels = figure.subplots(1, 2, sharex=True, sharey=True)
-    titles = {RIDGE: RIDGE_TITLE, WEIGHTS: _MODEL_TITLE}
-    for axes, (name, title) in zip(panels, titles.items(), strict=True):
-        score = learning.score(name)
-        axes.scatter(
-            score.predictions,
-            learning.difficulty,
-            s=14,
-            color=SHADES[0],
-            label="held out",
-        )
-        axes.axline((3.0, 3.0), slope=1.0, color=INK, lw=1.0, ls="--", label="equal")
-        label_axes(
-            axes,
-            "predicted difficulty [s/m]",
-            "measured difficulty [s/m]",
-            f"{title}: held-out R2 {score.r2.estimate:.2f}",
-        )
-        axes.legend(loc="upper left")
+    axes = figure.subplots()
+    axes.scatter(
+        model.predicted_s_per_m, measured, s=14, color=SHADES[0], label="held out"
+    )
+    axes.axline((3.0, 3.0), slope=1.0, color=INK, lw=1.0, ls="--", label="equal")
+    label_axes(
+        axes,
+        "predicted difficulty [s/m]",
+        "measured difficulty [s/m]",
+        f"{_MODEL_TITLE}: held-out R2 {model.r2.estimate:.2f}",
+    )
+    axes.legend(loc="upper left")
     return figure
 
 

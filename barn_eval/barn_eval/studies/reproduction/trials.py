@@ -1,6 +1,7 @@
-"""What the paper says of worlds and trials: Table II, times, failures and Fig. 6."""
+"""What the paper reports: Table II, times, failures, Fig. 6 and the model's errors."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
@@ -17,6 +18,7 @@ from barn_eval.trials.result import Rows
 from barn_metrics import bootstrap
 from barn_metrics.bootstrap import Interval
 from barn_metrics.metrics import CORRECTED, METRICS, PUBLISHED
+from barn_metrics.model import DifficultyModel
 from barn_metrics.report import metrics_table
 from barn_worlds.base.arrays import Bools, Floats, Integers
 from barn_worlds.base.errors import ConfigError
@@ -329,3 +331,59 @@ def summarize_metrics(dataset: Dataset, seed: int) -> MetricsFinding:
             )
         )
     return MetricsFinding(len(table.worlds), tuple(rows))
+
+
+@dataclass(frozen=True)
+class ModelFinding:
+    """Errors of the suite's difficulty model in these worlds, with 95 % intervals."""
+
+    title: str
+    # Worlds that it was trained in, none of these.
+    training_worlds: int
+    # (s/m)^2 in those worlds.
+    training_mse: float
+    # Of each world, from easy to difficult as measured [s/m].
+    predicted_s_per_m: tuple[float, ...]
+    # (s/m)^2
+    variance: float
+    mse: Interval
+    # s/m
+    mae: Interval
+    r2: Interval
+    spearman: Interval
+
+
+def judge_model(
+    model: DifficultyModel, dataset: Dataset, rows: Sequence[WorldRow], seed: int
+) -> ModelFinding:
+    """Return how well a model predicts the difficulty that both planners' trials gave.
+
+    Args:
+        model: A model that was trained in other worlds.
+        dataset: The worlds.
+        rows: Mean times by world.
+        seed: Seed of intervals.
+    """
+    worlds = np.array([row.world for row in rows])
+    measured = np.array([row.mean_s_per_m["both"] for row in rows])
+    predictions = [model.predict(dataset.load(row.world)) for row in rows]
+    predicted = np.array([item.difficulty_s_per_m for item in predictions])
+    errors = predicted - measured
+
+    def r2(sample: Integers) -> Floats:
+        """Return the share of variance that is explained in each sample of worlds."""
+        unexplained = (errors[sample] ** 2).mean(axis=-1)
+        share: Floats = 1.0 - unexplained / measured[sample].var(axis=-1)
+        return share
+
+    return ModelFinding(
+        title=model.about.get("title", ""),
+        training_worlds=model.about.get("training_worlds", 0),
+        training_mse=model.about.get("training_mse", math.nan),
+        predicted_s_per_m=tuple(predicted.tolist()),
+        variance=float(measured.var()),
+        mse=mean_interval(errors**2, worlds),
+        mae=mean_interval(np.abs(errors), worlds),
+        r2=_bootstrap_interval(r2, len(worlds), seed),
+        spearman=rank_correlation((predicted, worlds), (measured, worlds), seed),
+    )

@@ -1,5 +1,8 @@
 """The figures of a reproduction, on made-up trials whose truth is known."""
 
+from types import SimpleNamespace
+from typing import ClassVar
+
 import numpy as np
 import pytest
 from refusals import refused
@@ -22,6 +25,7 @@ from barn_eval.studies.reproduction.trials import (
     PLANNERS,
     deviation,
     group_trials,
+    judge_model,
     summarize_metrics,
     summarize_trials,
 )
@@ -156,6 +160,27 @@ def test_missing_trials_are_named(results):
         group_trials(lacking, "there")
     with refused("planner 'eband' lacks two trials per world"):
         group_trials([result for result in results if result.planner == "dwa"], "there")
+
+
+def test_a_model_is_judged_by_what_both_planners_needed(finding):
+    class Shifted:
+        """A model that knows the difficulty up to a constant."""
+
+        about: ClassVar = {}
+        difficulty: ClassVar = {
+            row.world: row.mean_s_per_m["both"] for row in finding.worlds
+        }
+
+        def predict(self, world):
+            return SimpleNamespace(difficulty_s_per_m=self.difficulty[world] + 0.5)
+
+    dataset = SimpleNamespace(load=lambda number: number)
+    errors = judge_model(Shifted(), dataset, finding.worlds, 0)
+    assert errors.mse.estimate == pytest.approx(0.25)
+    assert errors.mae.estimate == pytest.approx(0.5)
+    assert errors.r2.estimate == pytest.approx(1.0 - 0.25 / errors.variance)
+    assert errors.r2.low < errors.r2.estimate < errors.r2.high
+    assert errors.spearman.estimate == pytest.approx(1.0)
 
 
 def test_table_ii_is_that_of_the_data_set():

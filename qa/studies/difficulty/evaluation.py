@@ -10,13 +10,13 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from trial_sources import Trials, find_reserved_world, worlds_with_trials
 
 from barn_metrics import bootstrap
 from barn_metrics.bootstrap import Interval
 from barn_metrics.metrics import METRIC_NAMES
 from barn_metrics.model.inputs import inputs_of
 from barn_metrics.model.predictor import DifficultyModel, moments
-from barn_metrics.model.trials import Trials, find_reserved_world, worlds_with_trials
 from barn_worlds.base.arrays import Bools, Floats, Integers
 from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.errors import ModelError
