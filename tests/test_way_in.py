@@ -49,6 +49,20 @@ def test_the_readme_leads_to_the_score_of_its_planner(tmp_path):
     assert len(rows.splitlines()) == 3
 
 
+def test_the_readme_shows_what_its_comparison_prints(tmp_path):
+    text = (ROOT / "README.md").read_text("utf-8")
+    section = text.split("## Compare two planners")[1].split("\nBoth share")[0]
+    command, *shown = re.findall(r"(?m)^    (.*)$", section)
+    words = shlex.split(command)[1:]
+    environment = os.environ | {"COLUMNS": "80"}
+    done = run_python("-m", "barn_eval", *words, cwd=tmp_path, env=environment)
+    printed = [line.strip() for line in done.stdout.splitlines()]
+    assert list(filter(None, printed)) == [line.strip() for line in shown if line]
+    lines = [*done.stdout.splitlines(), *done.stderr.splitlines()]
+    assert len(lines) <= 40
+    assert lines[-1] == "next: barn report out/first"
+
+
 PAGE = ROOT / "docs/tutorials/own_robot.md"
 
 

@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from barn_eval.commands.tables import quantities_table
-from barn_eval.running.reporting import ConsoleReporter, Verbosity
+from barn_eval.running.reporting import ConsoleReporter, OutcomeColors, Verbosity
 from barn_eval.running.request import parse_parameters
 from barn_eval.trials.protocol import PROTOCOLS
 from barn_planners.registry import planner_names
@@ -30,7 +30,7 @@ Decorator = Callable[[Command], Command]
 
 # Output goes to standard output alone, so that it can be piped.
 # Texts may have brackets and numbers, which rich would take for markup or color.
-console = Console(markup=False, highlight=False)
+console = Console(markup=False, highlighter=OutcomeColors())
 notes = Console(stderr=True)
 reporter = ConsoleReporter(notes)
 

@@ -12,6 +12,7 @@ from importlib.util import find_spec
 from typing import Any
 
 from rich.console import Console, RenderableType
+from rich.highlighter import RegexHighlighter
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -32,6 +33,17 @@ LINE_PERIOD_S = 30.0
 """Time between two lines on the state of a run that nobody watches [s]."""
 
 _MAX_TALLIES = 12  # planners in the live table
+
+
+_FAILURES = "|".join(
+    outcome.value for outcome in Outcome if outcome is not Outcome.SUCCESS
+)
+
+
+class OutcomeColors(RegexHighlighter):
+    """Colors the names of outcomes; rich heeds the variable NO_COLOR."""
+
+    highlights = (r"\b(?P<green>success)\b", rf"\b(?P<red>{_FAILURES})\b")
 
 
 class Verbosity(Enum):
@@ -100,7 +112,7 @@ class ConsoleReporter(Reporter):
 
     def warn(self, text: str) -> None:
         """Print a line of text to the console, brackets as they are."""
-        self._console.print(text, markup=False, highlight=False, soft_wrap=True)
+        self._console.print(OutcomeColors()(text), soft_wrap=True)
 
     @contextmanager
     def show_progress(self, progress: "RunProgress") -> Iterator[None]:
@@ -113,7 +125,11 @@ class ConsoleReporter(Reporter):
             progress,
             BarColumn(bar_width=20),
             MofNCompleteColumn(table_column=Column(no_wrap=True)),
-            TextColumn("{task.description}", table_column=Column(ratio=1)),
+            TextColumn(
+                "{task.description}",
+                highlighter=OutcomeColors(),
+                table_column=Column(ratio=1),
+            ),
             console=self._console,
             expand=True,
             refresh_per_second=2.0,

@@ -27,6 +27,7 @@ from barn_eval.analysis.tables import (
 )
 from barn_eval.commands import options, run
 from barn_eval.commands.main import main
+from barn_eval.commands.run import print_results
 from barn_eval.commands.tables import FittedTable, rich_table, table
 from barn_eval.results.folder import read_results
 from barn_eval.running import reporting
@@ -149,6 +150,35 @@ def test_twenty_planners_fit_a_screen():
     rows = [line.split() for line in lines if "planner" in line]
     assert [row[1] for row in rows[1:-1]] == names[:MAX_RANKED]
     assert "and 3 more planners" in " ".join(lines)
+
+
+@pytest.mark.parametrize("width", [80, 120])
+def test_a_run_of_twenty_planners_prints_at_most_40_lines(
+    run, tmp_path, monkeypatch, capsys, width
+):
+    names = [f"planner{number:02d}" for number in range(MAX_RANKED)]
+    out = campaign(tmp_path / "many", run, names, repetitions=1, bags=0, faster=0.1)
+    monkeypatch.setattr(options.console, "width", width)
+    print_results(SimpleNamespace(out=out), read_results(out), False, show_all=False)
+    lines = "".join(capsys.readouterr()).splitlines()
+    assert len(lines) <= 40
+    assert max(map(len, lines[:-2])) <= width  # paths are whole, to be copied
+    # On the wider terminal, an interval stands beside its estimate.
+    intervals = [line for line in lines if re.search(r"\d \[", line)]
+    assert len(intervals) == MAX_RANKED
+    assert lines[-1] == f"next: barn report {out}"
+
+
+@pytest.mark.parametrize(("variables", "is_colored"), [({}, 1), ({"NO_COLOR": "1"}, 0)])
+def test_outcomes_have_colors_unless_no_color(variables, is_colored):
+    file = io.StringIO()
+    console = Console(
+        file=file, force_terminal=True, _environ={"TERM": "xterm"} | variables
+    )
+    ConsoleReporter(console).notify("success 3, timeout 1")
+    assert (
+        "\x1b[32msuccess\x1b[0m 3, \x1b[31mtimeout" in file.getvalue()
+    ) == is_colored
 
 
 def test_planners_that_a_test_separates_have_ranks_of_their_own():

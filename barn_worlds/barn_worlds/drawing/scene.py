@@ -21,11 +21,20 @@ from barn_worlds.drawing.palette import (
     INK,
     MOVER,
     OBSTACLE,
-    START,
     WALL,
 )
 from barn_worlds.moving.tracks import Tracks, jumps
 from barn_worlds.worlds.scene import TrialScene
+
+START_MARK: dict[str, Any] = {
+    "color": INK,
+    "linestyle": "",
+    "marker": "o",
+    "markersize": 8,
+    "markeredgewidth": 2,
+    "fillstyle": "none",
+}
+"""Look of a start: a ring, since planners have filled marks."""
 
 # The scale of speeds reaches at least this far.
 _LOWEST_TOP_MPS = 0.5
@@ -75,8 +84,9 @@ def draw_scene(axes: Axes, scene: TrialScene, *, faint: bool = False) -> None:
     axes.plot(*scene.path_m.T, **path_style)
 
     if scene.start is not None:
-        end_style |= {"color": START, "markersize": 7, "label": "start"}
-        axes.plot(scene.start.x, scene.start.y, "o", **end_style)
+        axes.plot(
+            scene.start.x, scene.start.y, label="start", **START_MARK, **end_style
+        )
     if scene.goal is not None:
         goal = (scene.goal.x, scene.goal.y)
         end_style |= {"color": GOAL, "markersize": 13, "label": "goal"}

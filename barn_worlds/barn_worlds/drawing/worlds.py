@@ -24,6 +24,7 @@ from barn_worlds.base.types import Pose2D
 from barn_worlds.drawing import palette
 from barn_worlds.drawing.files import gif_bytes
 from barn_worlds.drawing.scene import (
+    START_MARK,
     draw_arrow,
     draw_discs,
     draw_motion_paths,
@@ -80,7 +81,7 @@ def routes_figure(worlds: Mapping[int, World]) -> Figure:
     for number, points in paths_m.items():
         color = palette.PLANNERS[number % len(palette.PLANNERS)]
         axes.plot(*points.T, color=color, linewidth=1.5)
-        axes.plot(*points[0], "o", color=palette.START, markersize=5)
+        axes.plot(*points[0], **START_MARK)
         axes.plot(*points[-1], "*", color=palette.GOAL, markersize=9)
         label_x, label_y = points[len(points) // 8].tolist()
         axes.text(

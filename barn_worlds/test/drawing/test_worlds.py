@@ -22,7 +22,7 @@ def test_a_world_is_drawn_with_all_its_parts(small_world, tmp_path):
         palette.WALL,
         palette.HOLLOW,
         palette.INFLATED,
-        palette.START,
+        palette.INK,
         palette.GOAL,
     )
     assert {ImageColor.getrgb(part) for part in parts} <= colors

@@ -89,7 +89,7 @@ class Trial {
       if (data.moving) new Shapes(arrays.box_walls).draw(scene, "wall");
     }
     if (data.scene && shown.path && arrays.path.length) scene.line(arrays.path, "soft", 1.2, [3, 4]);
-    if (data.start) scene.disc(data.start[0], data.start[1], 5 * scene.pixel, "accent", true);
+    if (data.start) scene.disc(data.start[0], data.start[1], 5 * scene.pixel, "ink", false, 2);
     if (data.goal) {
       if (data.goal_distance) scene.disc(data.goal[0], data.goal[1], data.goal_distance, "good", false, 1.2);
       scene.star(data.goal[0], data.goal[1], "good");

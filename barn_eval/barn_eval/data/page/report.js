@@ -294,7 +294,7 @@ class Maps {
     for (const name of ["hardest", "contrast"]) this[name] = new Map(data.orders[name].map((world, place) => [world, place]));
     byId("sort-maps").addEventListener("change", () => { this.count = MAPS; this.arrange(); });
     byId("more-maps").addEventListener("click", () => { this.count += MAPS; this.arrange(); });
-    byId("legend").replaceChildren(...data.entries.map((entry) => element("span", {}, this.sample(entry), dot(entry), entry.label)), element("span", { textContent: "× a failed trial's end" }), element("span", { textContent: "● start" }), element("span", { textContent: "★ goal" }));
+    byId("legend").replaceChildren(...data.entries.map((entry) => element("span", {}, this.sample(entry), dot(entry), entry.label)), element("span", { textContent: "× a failed trial's end" }), element("span", { textContent: "○ start" }), element("span", { textContent: "★ goal" }));
     const redraw = () => document.querySelectorAll("#maps figure").forEach((map) => { if (map.scene) this.draw(map); });
     addEventListener("resize", redraw);
     onThemeChange(redraw);
@@ -452,7 +452,7 @@ function drawWorld(scene, world, map, obstacles) {
   scene.discs(world.cylinders, world.radius, obstacles);
   scene.line(world.path, "candidate", 1.4, [5, 4]);
   const [start, goal] = world.ends;
-  if (start) scene.disc(...start, scene.bare ? 4 * scene.pixel : 0.12, "accent", true);
+  if (start) scene.disc(...start, 5 * scene.pixel, "ink", false, 2);
   if (goal) scene.star(...goal, "good");
   if (world.moving) new Shapes(map.box_walls).draw(scene, "wall");
 }

@@ -28,7 +28,7 @@ from barn_eval.trials.outcome import Outcome
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.drawing import scene as drawing
-from barn_worlds.drawing.palette import CONTACT, FAINT, GOAL, INK, MOVER, START
+from barn_worlds.drawing.palette import CONTACT, FAINT, GOAL, INK, MOVER
 from barn_worlds.geometry.bodies import moving_bodies
 from barn_worlds.worlds.scene import TrialScene
 from barn_worlds.worlds.world import World
@@ -185,7 +185,7 @@ def _draw_maps(
 
 def _end_handles() -> list[Line2D]:
     """Return legend entries of start and goal."""
-    start = _legend_mark("start", color=START, marker="o", markersize=7)
+    start = Line2D([], [], label="start", **drawing.START_MARK)
     return [start, _legend_mark("goal", color=GOAL, marker="*", markersize=12)]
 
 
