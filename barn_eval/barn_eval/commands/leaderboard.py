@@ -4,6 +4,11 @@ from pathlib import Path
 
 import click
 
+from barn_eval.analysis.conventions import (
+    CONVENTIONS,
+    convention_table,
+    rank_by_convention,
+)
 from barn_eval.analysis.leaderboard import RANKINGS, board_rows, make_boards
 from barn_eval.analysis.verdict import conclude_ranking
 from barn_eval.commands.options import (
@@ -16,6 +21,7 @@ from barn_eval.commands.options import (
 )
 from barn_eval.commands.tables import rich_table
 from barn_eval.pages.report.leaderboard import board_table, write_boards
+from barn_worlds.base.config import as_dict
 
 
 @click.command("leaderboard")
@@ -31,12 +37,18 @@ from barn_eval.pages.report.leaderboard import board_table, write_boards
     help="File ending in .md or .html, repeatable [default: printed].",
 )
 @click.option("--worlds", default="all", help="Only these, such as 0-49.")
+@click.option(
+    "--convention",
+    type=click.Choice(tuple(CONVENTIONS)),
+    help="Rank physical trials as this event counts them, without tests.",
+)
 @json_option
 def command(
     folders: tuple[Path, ...],
     by: str | None,
     out: tuple[Path, ...],
     worlds: str,
+    convention: str | None,
     as_json: bool,
 ) -> None:
     """Rank the planners of FOLDERS of runs.
@@ -44,6 +56,15 @@ def command(
     Planners that cannot be told apart share a rank. Each protocol and set of worlds has
     a board of its own.
     """
+    if convention is not None:
+        if by or out or worlds != "all":
+            raise click.UsageError("--convention takes no --by, --out and --worlds")
+        rules = CONVENTIONS[convention]
+        places = rank_by_convention(folders, rules)
+        table = convention_table(places, convention, rules)
+        content = {"convention": as_dict(rules), "places": list(map(as_dict, places))}
+        print_output(as_json, content, rich_table(table))
+        return
     with notes.status("ranking"):
         boards = make_boards(folders, by or "", worlds)
     # With --out, a table is for the file and not for the terminal as well.

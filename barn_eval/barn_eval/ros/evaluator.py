@@ -30,6 +30,7 @@ from barn_eval.ros.isolation import session_isolation
 from barn_eval.ros.supervision.nodes import PLANNER_SUSPECTED, Assignment
 from barn_eval.ros.supervision.process import EventChannel
 from barn_eval.ros.trial import MUTUAL_WAITS, RosTrial, RunContext
+from barn_eval.running.pool import now_text
 from barn_eval.running.reporting import Reporter, RunProgress
 from barn_eval.running.run import describe_unscored
 from barn_eval.trials.outcome import (
@@ -276,6 +277,7 @@ class TrialRunner:
         """Run a trial once and keep its record; return False if it must run again."""
         self.context.loop.report("trial", id=spec.trial_id)
         start_s = time.monotonic()
+        started_at = now_text()
         with self.store.recorder(spec.trial_id) as recorder:
             # Simulator and planner have just been started.
             first = self._driven_trials == 0 or self._failed_attempts > 0
@@ -296,6 +298,7 @@ class TrialRunner:
 
             duration_s = time.monotonic() - start_s
             wall_clock = self._wall_clock(trial, verdict, duration_s, counts)
+            wall_clock = replace(wall_clock, started_at=started_at)
             trajectory = trial.trial.log.trajectory()
             clearance_by = "world"
             if spec.system.frame != "world":

@@ -180,7 +180,7 @@ def run_job(
         send: Receives partial results and notices.
     """
     # A job of several trials reports the start of each.
-    started_at = _now()
+    started_at = now_text()
 
     def emit(result: object) -> None:
         """Send a text as a notice, anything else as a partial result."""
@@ -190,7 +190,7 @@ def run_job(
             send(Notice(key, worker, result))
         else:
             send(PartialResult(key, worker, result, started_at))
-            started_at = _now()
+            started_at = now_text()
 
     try:
         return JobResult(key, worker, work.run(job, emit), started_at)
@@ -207,7 +207,7 @@ def run_job(
         )
 
 
-def _now() -> str:
+def now_text() -> str:
     """Return the current UTC time in ISO 8601, to the millisecond."""
     return datetime.now(timezone.utc).isoformat(timespec="milliseconds")
 

@@ -14,6 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.special import stdtrit
 
+from barn_eval.analysis.conventions import CONVENTIONS
 from barn_eval.analysis.planners import assign_colors, spelling
 from barn_eval.analysis.sources import (
     Source,
@@ -273,7 +274,10 @@ def _rows_by_world(sources: Iterable[Source]) -> _RowsByWorld:
     groups: _RowsByWorld = {}
     for source in sources:
         for row in source.results:
-            if row.world_checksum and row.scores.normalised_time_s_per_m is not None:
+            is_known = row.scores.normalised_time_s_per_m is not None
+            # A teleoperated drive is a reference, and no planner's.
+            is_known &= row.planner != CONVENTIONS["finals"].reference
+            if row.world_checksum and is_known:
                 groups.setdefault(row.world_checksum, []).append(row)
     return groups
 
