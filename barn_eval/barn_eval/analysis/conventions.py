@@ -1,5 +1,6 @@
 """How events count physical trials: which attempts count, and against whose time."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -80,7 +81,7 @@ def rank_by_convention(paths: Sequence[Path], convention: Convention) -> list[Pl
             places.append(_place(entry.label, courses, convention, references_s))
     if not places:
         raise ConfigError(f"{paths[0]}: has trials of {convention.reference} alone")
-    places.sort(key=lambda place: (-place.counted, place.time_s or 0.0))
+    places.sort(key=lambda place: (-place.counted, place.time_s or math.inf))
     return places
 
 
@@ -161,9 +162,16 @@ def _place(
         sum(map(len, courses.values())),
         late,
         counted,
-        float(np.mean(means_s)) if means_s else None,
-        float(np.mean(ratios)) if ratios else None,
+        _mean(means_s),
+        _mean(ratios),
     )
+
+
+def _mean(values: Sequence[float]) -> float | None:
+    """Return the mean; None without values, or if one is unknown."""
+    if not values or not np.isfinite(values).all():
+        return None
+    return float(np.mean(values))
 
 
 def _successes_s(rows: Rows) -> list[float]:
