@@ -43,7 +43,7 @@ from barn_worlds.robots.robot import Chassis
 from barn_worlds.worlds.course import fit_to_robot
 from barn_worlds.worlds.world import World
 
-_SIDE_BY_SIDE = "; barn reproduce --physical sets measured beside simulated trials"
+_SIDE_BY_SIDE = "; barn report sets measured beside simulated trials"
 
 
 @dataclass(frozen=True, eq=False)

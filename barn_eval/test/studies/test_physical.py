@@ -1,11 +1,14 @@
 """Measured over predicted difficulty: the line, its interval, and the page."""
 
+import csv
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from barn_eval.api.front import run
+from barn_eval.pages.report.page import build_report
 from barn_eval.running.judge import JudgeOptions, judge
 from barn_eval.studies.physical import fit_line, measure_difficulty
 from barn_worlds.base.errors import ConfigError
@@ -90,6 +93,35 @@ def test_the_page_has_the_worlds_and_the_line(folders, tmp_path, succeed):
     finding = json.loads((tmp_path / "physical.json").read_text())
     assert len(finding["worlds"]) == 5
     assert (tmp_path / "figures" / "physical.png").stat().st_size > 10_000
+
+
+def test_a_report_sets_measured_beside_simulated_trials(folders, tmp_path, succeed):
+    lab, sim = folders
+    succeed(f"report {lab} {sim} --out {tmp_path}/both.html")
+    lines = (tmp_path / "both_assets/simulated.csv").read_text().splitlines()
+    rows = list(csv.DictReader(lines))
+    assert [row["world"] for row in rows] == [*WORLDS.split(","), "mean of 5"]
+    for row in rows[:-1]:
+        difference_s = float(row["measured [s]"]) - float(row["simulated [s]"])
+        assert abs(difference_s) < 0.11
+        assert float(row["measured - simulated [s]"]) == pytest.approx(difference_s)
+    page = (tmp_path / "both.html").read_text()
+    assert "observed, not driven again" in page
+    # Only the measured trials are ranked, drawn and listed.
+    assert "5 trials of 1 planner" in page
+    headline = (tmp_path / "both_assets/headline.csv").read_text()
+    assert len(headline.splitlines()) == 2
+
+
+def test_trials_with_nothing_in_common_do_not_stand_side_by_side(folders, tmp_path):
+    lab, sim = folders
+    bags = [sim / "bags" / "gap_w0050_r00"]
+    judge(bags, tmp_path / "other", replace(LAB, planner="other"))
+    with pytest.raises(ConfigError, match="no world and planner in common"):
+        build_report([tmp_path / "other", sim])
+    judge(bags, tmp_path / "older", replace(LAB, protocol="challenge_2022"))
+    with pytest.raises(ConfigError, match="protocols: challenge, challenge_2022"):
+        build_report([tmp_path / "older", sim])
 
 
 def test_simulated_trials_alone_are_named_as_such(folders):

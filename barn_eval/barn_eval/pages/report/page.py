@@ -13,7 +13,8 @@ from urllib.parse import quote
 from matplotlib.axes import Axes
 
 from barn_eval.analysis.difficulty import order_worlds
-from barn_eval.analysis.entries import Entry, read_entries
+from barn_eval.analysis.entries import Entry, label_entries, read_entries
+from barn_eval.analysis.measured import pair_by_world
 from barn_eval.analysis.measures import ranking_measure, require_measures
 from barn_eval.analysis.overview import analyze, make_tables, reproduce
 from barn_eval.analysis.planners import spelling
@@ -217,6 +218,9 @@ class Report(ChartData):
     columns: Sequence[str]
     """Keys of the measures in its tables; the usual ones if empty."""
 
+    simulated: Sequence[Entry]
+    """Simulated trials that stand beside observed ones, in one table alone."""
+
     progress: Progress
     """Receives the share that is done, from 0 to 1."""
 
@@ -238,7 +242,10 @@ class Report(ChartData):
     @cached_property
     def tables(self) -> list[TextTable]:
         """All tables of the report, the headline table first."""
-        return make_tables(self.entries, self.overview, self.columns)
+        tables = make_tables(self.entries, self.overview, self.columns)
+        if self.simulated:
+            tables.append(pair_by_world(self.entries, self.simulated))
+        return tables
 
     @cached_property
     def figures(self) -> dict[str, ReportFigure]:
@@ -266,7 +273,8 @@ def build_report(
     """Read results folders and compute what their report shows; nothing is written.
 
     Args:
-        paths: Results folders of one task.
+        paths: Results folders of one task; beside those of an observed system, also
+            folders of the suite's simulator.
         hardest: Number of the hardest worlds that are drawn as maps.
         columns: Keys of the measures in its tables. By default the usual ones.
         progress: Receives the share that is done, from 0 to 1.
@@ -276,7 +284,17 @@ def build_report(
     """
     keys = require_measures(columns)
     entries = tuple(read_entries(paths))
-    require_same_task(expand_sweeps(paths))
+    observed = [entry for entry in entries if entry.source.system.is_observed]
+    simulated = [entry for entry in entries if entry not in observed]
+    if observed and simulated:
+        entries = tuple(label_entries(observed))
+        for group in (observed, simulated):
+            require_same_task(list({entry.source.path: "" for entry in group}))
+        # Before what takes minutes: they may have nothing in common.
+        pair_by_world(entries, simulated)
+    else:
+        require_same_task(expand_sweeps(paths))
+        simulated = []
     driven = read_trials(entries)
     order = order_worlds(entries)
     overview = analyze(
@@ -292,6 +310,7 @@ def build_report(
         compute_trials=lambda: driven,
         hardest=hardest,
         columns=keys,
+        simulated=simulated,
         progress=progress,
     )
 
@@ -340,7 +359,8 @@ def report_page(
         data_folder: Folder beside the page into which the data of trials are written,
             as scripts. By default the page has them in it.
     """
-    sources = list(dict.fromkeys(entry.source for entry in report.entries))
+    entries = (*report.entries, *report.simulated)
+    sources = list(dict.fromkeys(entry.source for entry in entries))
     bars = make_bars(report.entries)
     results = report.entries[0].results
     data, rows = page_data(report.entries, report.trials, report.columns)
