@@ -114,7 +114,7 @@ def test_a_report_sets_measured_beside_simulated_trials(folders, tmp_path, succe
 
 
 def test_trials_with_nothing_in_common_do_not_stand_side_by_side(folders, tmp_path):
-    lab, sim = folders
+    _, sim = folders
     bags = [sim / "bags" / "gap_w0050_r00"]
     judge(bags, tmp_path / "other", replace(LAB, planner="other"))
     with pytest.raises(ConfigError, match="no world and planner in common"):
