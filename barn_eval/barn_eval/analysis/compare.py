@@ -529,7 +529,8 @@ def _read_parameters(source: Source, planner: str) -> dict[str, Any]:
             # What nodes reported counts, since launch files may set what no file shows.
             return files | read_node_parameters(source.path / LOGS, planner)
         setup = source.run_config.resolve_planner(choice)
-        config = planner_config(planner, setup.preset, setup.overrides)
+        name = choice.entry_name
+        config = planner_config(name, setup.preset, setup.overrides)
     except (BarnError, ValueError):
         return {}
-    return {f"{planner} {key}": value for key, value in flatten(as_dict(config))}
+    return {f"{name} {key}": value for key, value in flatten(as_dict(config))}

@@ -301,7 +301,8 @@ def reproduce(source: Source) -> Reproduction:
     planners = []
     for planner in run.planners:
         # Nothing follows the name of a planner without a preset.
-        planners.append(f"{planner.name}:{planner.preset}".removesuffix(":"))
+        entry = f"{planner.entry_name}:{planner.preset}".removesuffix(":")
+        planners.append(f"{planner.name}={entry}" if planner.entry else entry)
     # All that decides results is named, defaults too: those may change.
     words = ["barn", "run", "--dataset", run.dataset, "--worlds", run.worlds]
     words += ["--repetitions", str(run.repetitions), "--seed", str(run.seed)]

@@ -30,7 +30,6 @@ from barn_eval.trials.result import (
 )
 from barn_eval.trials.run_config import RunConfig
 from barn_eval.trials.system import SUITE_NAME, System, system_in
-from barn_planners.registry import planner_names
 from barn_sim.config import chassis_in, robot_of
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.config import as_dict, from_dict
@@ -101,7 +100,8 @@ class Source:
         # Rounded up: a planner is held to what it declares.
         cap_mps = math.ceil(1000.0 * self.commanded_mps[planner]) / 1000.0
         declaration = f"--set {planner}.max_speed_mps={cap_mps:g} declares it"
-        if planner in planner_names():
+        choices = self.run_config.planners
+        if any(item.name == planner and item.registered for item in choices):
             declaration = "speed_cap of its PlannerEntry declares it"
         return (
             f"{planner} declares no top speed: its fastest command counts, {cap_mps:g}"

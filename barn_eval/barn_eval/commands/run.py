@@ -74,8 +74,8 @@ _EXECUTION = ExecutionConfig()
     "--planners",
     "--planner",
     type=PLANNER,
-    help="Planners, as NAME or NAME:PRESET, joined by commas [default: dwa, or of"
-    " commands].",
+    help="Planners, as NAME, NAME:PRESET or, to have one twice, NEW_NAME=NAME:PRESET;"
+    " joined by commas [default: dwa, or of commands].",
 )
 @field_option(_RUN, "worlds")
 @field_option(_RUN, "dataset", kind=DATASET)

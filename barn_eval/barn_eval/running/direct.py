@@ -68,7 +68,7 @@ def run_direct_trial(
     start_s = time.perf_counter()
     if planner is None:
         with _blame_planner():
-            planner = make_planner(spec.planner, spec.preset, spec.overrides)
+            planner = _make_planner(spec)
     bag = TrialBag(recorder, spec) if recorder else None
     driver = _DirectTrial(spec, planner, bag)
     verdict = driver.run()
@@ -128,11 +128,17 @@ def warm_up(spec: TrialSpec, *, with_planner: bool) -> None:
             simulator.sense()
             sensors = simulator.step(STOP)
             RunningTrial(spec).read(sensors.odometry, sensors.truth, sensors.collision)
-    if with_planner and (spec.planner, spec.preset) not in _warm:
-        _warm.add((spec.planner, spec.preset))
+    planner_key = (spec.entry or spec.planner, spec.preset)
+    if with_planner and planner_key not in _warm:
+        _warm.add(planner_key)
         with suppress(Exception):
-            planner = make_planner(spec.planner, spec.preset, spec.overrides)
+            planner = _make_planner(spec)
             PlannerRuntime(planner, seed=0, use_map=spec.protocol.map_given).warm_up()
+
+
+def _make_planner(spec: TrialSpec) -> Planner:
+    """Return a new planner of the registry for a trial."""
+    return make_planner(spec.entry or spec.planner, spec.preset, spec.overrides)
 
 
 @contextmanager

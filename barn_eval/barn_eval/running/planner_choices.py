@@ -22,7 +22,7 @@ def read_planners(entries: Any, commands: Any, where: str) -> list[PlannerChoice
     """Return a run's planners from their list and from commands that start some.
 
     Args:
-        entries: Names joined by commas, or a list of names ("dwa", "eband:challenge"),
+        entries: Texts as in `read_planner` joined by commas, or a list of those,
             mappings and `PlannerChoice` objects. None stands for the default planner,
             or for the planners of `commands`.
         commands: "NAME=COMMAND" texts, or one "COMMAND" for the only planner. A name
@@ -133,10 +133,11 @@ def _set_command(planners: list[PlannerChoice], name: str, command: str) -> None
 
 
 def read_planner(entry: Any, where: str) -> PlannerChoice:
-    """Return the planner of an entry: "NAME", "NAME:PRESET", a mapping or a choice.
+    """Return the planner of an entry: a text, a mapping or a choice.
 
     Args:
-        entry: "NAME", "NAME:PRESET", a mapping of `PlannerChoice` fields, or a
+        entry: "NAME", "NAME:PRESET", "NEW_NAME=NAME:PRESET" for a planner that is filed
+            under another name, a mapping of `PlannerChoice` fields, or a
             `PlannerChoice`.
         where: Beginning of error messages.
 
@@ -146,8 +147,10 @@ def read_planner(entry: Any, where: str) -> PlannerChoice:
     if isinstance(entry, PlannerChoice):
         return entry
     if isinstance(entry, str):
-        name, _, preset = entry.strip().partition(":")
-        return PlannerChoice(name, preset)
+        new_name, equals, text = entry.strip().rpartition("=")
+        name, _, preset = text.partition(":")
+        planner = PlannerChoice(name, preset)
+        return rename_planner(planner, new_name) if equals else planner
 
     planner = from_dict(PlannerChoice, entry, f"{where}planners")
     if not planner.command:
@@ -157,6 +160,14 @@ def read_planner(entry: Any, where: str) -> PlannerChoice:
         name=planner.name if "name" in entry else name_planner(planner.command),
         files=hash_command_files(split_command(planner.command)),
     )
+
+
+def rename_planner(planner: PlannerChoice, name: str) -> PlannerChoice:
+    """Return a planner whose results are filed under a name."""
+    if planner.name == name:
+        return planner
+    entry = planner.entry_name if planner.registered else ""
+    return replace(planner, name=name, entry=entry)
 
 
 def parse_planner_command(text: str) -> tuple[str, str]:
@@ -242,7 +253,7 @@ def apply_parameters(
     values_by_planner = {planner.name: dict(planner.overrides) for planner in planners}
     for key, value in parameters.items():
         # Keys of a YAML file may be numbers, which no parameter is called.
-        name, values = _find_planner(str(key), value, list(values_by_planner))
+        name, values = _find_planner(str(key), value, planners)
         if name not in values_by_planner:
             raise ConfigError(
                 f"{where}parameters of planner {format_value(name)}, which is not among"
@@ -257,20 +268,21 @@ def apply_parameters(
 
 
 def _find_planner(
-    key: str, value: object, names: Sequence[str]
+    key: str, value: object, planners: Sequence[PlannerChoice]
 ) -> tuple[str, Mapping[str, Any]]:
     """Return the planner's name in a parameter key, and its parameters by name.
 
     A key may be read in two ways: `dwa.max_speed_mps` of the only planner DWA is its
     parameter of that name, if there is one, and else its `max_speed_mps`.
     """
+    names = [planner.name for planner in planners]
     # A group of parameters, such as {"dwa": {...}}, may also be a mapping.
     if isinstance(value, Mapping) and (key in names or len(names) > 1):
         return key, value
 
     # Names may have dots, so the first part of a key need not be the whole name.
     prefix = next((name for name in names if key.startswith(f"{name}.")), "")
-    if len(names) == 1 and (not prefix or _has_parameter(names[0], key)):
+    if len(names) == 1 and (not prefix or _has_parameter(planners[0].entry_name, key)):
         return names[0], {key: value}
 
     name = prefix or key.partition(".")[0]

@@ -8,6 +8,7 @@ from typing import Any, TypeAlias
 
 import cloudpickle
 
+from barn_eval.running.planner_choices import read_planner, rename_planner
 from barn_eval.trials.run_config import UNKNOWN_SOURCE, PlannerChoice
 from barn_planners.interface import Decision, Observation, Planner, Task
 from barn_planners.registry import planner_names
@@ -115,7 +116,10 @@ def split_planner_objects(
     objects: dict[str, PlannerObject] = {}
     for name, source in _name_entries(entries):
         if isinstance(source, (str, Mapping, PlannerChoice)):
-            choices.append(source)
+            choice = source
+            if name:
+                choice = rename_planner(read_planner(source, ""), name)
+            choices.append(choice)
             continue
         _require_planner(source)
         planner = PlannerObject(name or _default_name(source), source)

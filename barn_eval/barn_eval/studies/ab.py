@@ -254,7 +254,7 @@ def _name_side(request: RunRequest) -> str:
 
 def _hash_code(planner: PlannerChoice) -> dict[str, str]:
     """Return SHA-256 of the code by package, for the suite and the planner's own."""
-    config_module = planner_entry(planner.name).config_class.__module__
+    config_module = planner_entry(planner.entry_name).config_class.__module__
     hashes = {}
     for name in sorted({*SUITE, config_module.partition(".")[0]}):
         spec = find_spec(name)

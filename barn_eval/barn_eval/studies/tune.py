@@ -245,7 +245,7 @@ class Tuner:
         values: dict[str, Any] = {}
         if planner.registered:
             setup = self.base.config.resolve_planner(planner)
-            config = planner_config(planner.name, setup.preset, setup.overrides)
+            config = planner_config(planner.entry_name, setup.preset, setup.overrides)
             values = {key: value for key, _, value in fields_of(config)}
         elif planner.command:
             values = read_parameters(planner.command, list(self.ranges))
@@ -446,6 +446,8 @@ class Tuner:
                 "preset": self.base.config.resolve_planner(planner).preset,
                 "overrides": {**planner.overrides, **setting.values},
             }
+            if planner.entry:
+                entry["entry"] = planner.entry
             content = {"schema_version": SCHEMA_VERSION, "planners": [entry]}
             contents = [dump_yaml(content).encode()]
 

@@ -17,7 +17,12 @@ from barn_eval.trials.result import DECLARED, FREE, MEASURED, REAL_TIME
 from barn_eval.trials.ros_config import BAGS, ENGINES, MODES, RosConfig
 from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_eval.trials.system import System
-from barn_planners.registry import planner_config, planner_entry, speed_cap_mps
+from barn_planners.registry import (
+    planner_config,
+    planner_entry,
+    planner_names,
+    speed_cap_mps,
+)
 from barn_planners.robots import fit_parameters, lidar_mount_changes
 from barn_sim.config import SimulatorConfig, robot_of
 from barn_worlds.base.compute import NO_COMPUTE, Compute
@@ -83,6 +88,9 @@ class PlannerChoice(Checked):
         "", "preset of its parameters, empty for that of the protocol"
     )
     overrides: dict[str, Any] = field(default_factory=dict)
+    entry: str = optional(
+        "", "name in the registry of a planner that is filed under another name"
+    )
     command: str = quantity(
         "", "of mode ros: command that starts it, in place of a node of the suite"
     )
@@ -116,10 +124,16 @@ class PlannerChoice(Checked):
                 f"planner {format_value(self.name)}: a name must be 1 to 60 letters,"
                 " digits, '_', '-' or '.'"
             )
-        if not self.registered and (self.preset or self.overrides):
+        if not self.registered and (self.preset or self.overrides or self.entry):
             raise ConfigError(
                 f"planner {self.name!r}: presets and parameters are for planners of the"
                 " registry"
+            )
+        # Rows, pages and colors know the registry's planners by their names.
+        if self.entry and self.name in planner_names():
+            raise ConfigError(
+                f"planner {self.name!r}: is one of the registry's; give this"
+                f" {self.entry} another name"
             )
         if self.input and not self.command:
             raise ConfigError(
@@ -143,6 +157,11 @@ class PlannerChoice(Checked):
         return not (self.command or self.source)
 
     @property
+    def entry_name(self) -> str:
+        """Name in the registry of a planner of the registry."""
+        return self.entry or self.name
+
+    @property
     def takes_goal_at_start(self) -> bool:
         """Whether its command or input has a placeholder of the goal."""
         return bool(_PLACEHOLDER.search(self.command + self.input))
@@ -153,7 +172,7 @@ class PlannerChoice(Checked):
         compute = self._compute_of_choice()
         if compute.is_declared or not self.registered:
             return compute
-        return planner_entry(self.name).compute or compute
+        return planner_entry(self.entry_name).compute or compute
 
     def _compute_of_choice(self) -> Compute:
         """Return delays and period of the choice; ConfigError if they conflict."""
@@ -172,6 +191,8 @@ class PlannerSetup:
     # The highest speed that the planner says it commands, 0 if it does not say.
     declared_mps: float = 0.0
     compute: Compute = NO_COMPUTE
+    # Name in the registry, empty where it is the name of the choice.
+    entry: str = ""
 
 
 @dataclass(frozen=True)
@@ -221,12 +242,13 @@ class RunConfig(Checked):
 
         over_ros = self.mode == "ros"
         names = [planner.name for planner in self.planners]
-        for planner in self.planners:
+        for place, planner in enumerate(self.planners):
             name = planner.name
-            if names.count(name) > 1:
+            if name in names[:place]:
+                entry = f"{planner.entry_name}:{planner.preset}".removesuffix(":")
                 raise ConfigError(
-                    f"planners names {name!r} twice; make two runs and use `barn"
-                    " compare` on them"
+                    f"planners names {name!r} twice; give one another name, such as"
+                    f" {name}_2={entry}"
                 )
             if planner.source and over_ros:
                 raise ConfigError(
@@ -266,9 +288,9 @@ class RunConfig(Checked):
         content: dict[str, Any]
         if choice.registered:
             overrides = self._registry_overrides(choice, preset)
-            config = planner_config(choice.name, preset, overrides)
-            declared_mps = speed_cap_mps(choice.name, config)
-            content = {"planner": choice.name} | as_dict(config)
+            config = planner_config(choice.entry_name, preset, overrides)
+            declared_mps = speed_cap_mps(choice.entry_name, config)
+            content = {"planner": choice.entry_name} | as_dict(config)
         else:
             declared_mps = choice.max_speed_mps
             content = {"command": choice.command, "source": choice.source}
@@ -283,7 +305,9 @@ class RunConfig(Checked):
         if compute.is_declared:
             content["compute"] = as_dict(compute)
         fingerprint = identity.fingerprint(content)
-        return PlannerSetup(preset, overrides, fingerprint, declared_mps, compute)
+        return PlannerSetup(
+            preset, overrides, fingerprint, declared_mps, compute, choice.entry
+        )
 
     def _registry_overrides(self, choice: PlannerChoice, preset: str) -> dict[str, Any]:
         """Return parameters by dotted name: the choice's, and what the robot decides.
@@ -292,8 +316,9 @@ class RunConfig(Checked):
             ConfigError: The choice puts the lidar elsewhere than the simulator does.
         """
         robot = robot_of(self.simulator)
-        overrides = fit_parameters(choice.name, preset, dict(choice.overrides), robot)
-        config = planner_config(choice.name, preset, overrides)
+        name = choice.entry_name
+        overrides = fit_parameters(name, preset, dict(choice.overrides), robot)
+        config = planner_config(name, preset, overrides)
         for key, mount in lidar_mount_changes(config, self.simulator.lidar).items():
             if key in overrides:
                 axis = key.rpartition(".")[2].removeprefix("lidar_")

@@ -57,6 +57,8 @@ class TrialSpec:
     # What the planner declares of its computing, and how that is charged.
     compute: Compute = NO_COMPUTE
     compute_mode: str = FREE
+    # Name in the registry of a planner that is filed under another name.
+    entry: str = ""
     # Delays of a trial that was measured, which are charged again.
     recorded_ns: tuple[int, ...] = ()
     system: System = SUITE
@@ -204,6 +206,8 @@ class TrialSpec:
             "overrides": dict(self.overrides),
             "fingerprint": self.planner_config,
         }
+        if self.entry:
+            planner["entry"] = self.entry
         if self.compute.is_declared:
             planner["compute"] = as_dict(self.compute)
 

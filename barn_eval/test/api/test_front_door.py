@@ -29,6 +29,7 @@ from barn_eval.running.planner_objects import (
 from barn_eval.running.request import read_request
 from barn_eval.running.runner import RunError
 from barn_eval.trials.outcome import Outcome
+from barn_eval.verification.check import check_folder
 from barn_planners.interface import Task
 from barn_worlds.base.errors import BarnError
 from barn_worlds.base.types import Pose2D, Velocity2D
@@ -57,6 +58,16 @@ def test_planners_of_all_kinds_drive_side_by_side(driven):
     assert set(driven.timing["worker"]) == {"local-0", "local-1"}
     folder = repr(str(driven.folder))
     assert repr(driven) == f"Results({folder}: 8 trials, gap, ahead, Steady, slow)"
+
+
+def test_one_planner_of_the_registry_drives_under_two_names(tmp_path):
+    slow = barn.PlannerChoice("gap", overrides={"max_speed_mps": 0.2})
+    results = drive(["gap", {"slow": slow}], tmp_path / "out")
+    assert results.planners == ["gap", "slow"]
+    first, second = results.trials
+    assert first.planner_config != second.planner_config
+    assert second.measures.mean_speed_mps < first.measures.mean_speed_mps
+    assert check_folder(tmp_path / "out").problems == []
 
 
 def test_tables_have_a_row_per_trial_planner_and_measure(driven):

@@ -117,6 +117,22 @@ def test_trials_share_everything_but_the_planner(file):
     assert first.world is second.world
 
 
+def test_one_planner_drives_twice_under_two_names():
+    planners = "dwa,fast=dwa:fast_dwa"
+    settings = {"fast": {"dwa.path_weight": 0.3}}
+    options = {"planners": planners, "settings": settings, "worlds": "0"}
+    config = read_request(None, options).config
+    assert from_dict(RunConfig, as_dict(config), "run.json") == config
+    dwa, fast = config.trials()
+    assert [dwa.trial_id, fast.trial_id] == ["dwa_w0000_r00", "fast_w0000_r00"]
+    assert fast.description()["planner"]["entry"] == "dwa"
+    assert fast.speed_cap_mps == 2 * dwa.speed_cap_mps
+    assert dwa.planner_seed != fast.planner_seed
+    options |= {"planners": "dwa:fast_dwa", "settings": settings["fast"]}
+    (alone,) = read_request(None, options).config.trials()
+    assert fast.planner_config == alone.planner_config
+
+
 def test_what_nobody_says_has_its_default():
     request = read_request(None, {})
     assert (request.config, request.execution) == (RunConfig(), ExecutionConfig())
@@ -264,7 +280,9 @@ MISTAKES = """
 {planner_input: '1', planners: dwa, mode: ros}
     planner 'dwa': an input is for planners that a command starts
 {planners: 'dwa,dwa:challenge'}
-    names 'dwa' twice; make two runs and use `barn compare`
+    names 'dwa' twice; give one another name, such as dwa_2=dwa:challenge
+{planners: 'gap=dwa'}
+    planner 'gap': is one of the registry's; give this dwa another name
 {planners: []}
     must name at least one planner
 {planners: 3}

@@ -245,7 +245,7 @@ def planner(
     if setup.command_type == "twist_stamped":
         command_type = "twist_stamped"
     parameters: dict[str, Any] = {
-        "planner": choice.name,
+        "planner": choice.entry_name,
         "preset": planner_setup.preset,
         "use_map": run.protocol.map_given,
         "use_sim_time": True,
