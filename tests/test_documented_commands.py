@@ -106,7 +106,7 @@ def check_values(name, values):
         simulator_config(rules, parse_parameters(assignments, "--sim"))
     names = {*planner_names(), *PLANNERS.split()}
     for planner in (values.get("planners") or "dwa").split(","):
-        assert planner.split(":")[0] in names
+        assert planner.rpartition("=")[2].split(":")[0] in names
 
 
 @cache
