@@ -28,7 +28,7 @@ demo: $(VENV)/installed
 test: extras lint docs
 	PATH=$(BIN):$$PATH ./qa/checks/colcon_test.sh $(PACKAGES)
 
-lint: install
+lint: install $(VENV)/tools
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy $(PACKAGES) qa
@@ -63,7 +63,7 @@ figures: install
 	$(BIN)/python qa/studies/figures.py docs
 
 # the check of the unit tests in docs/mutation.md; takes about 10 minutes
-mutation: install
+mutation: install $(VENV)/tools
 	$(BIN)/python qa/checks/mutate --page docs/mutation.md
 
 # the branches that tests reach without ROS, and those that they do not, with the reason; takes about an hour
@@ -108,9 +108,9 @@ wheels: $(BIN)/python
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
 
-$(VENV)/requirements: requirements/base.lock | $(BIN)/python
+$(VENV)/requirements: requirements/users.lock | $(BIN)/python
 	test ! -d $(WHEELS) || $(BIN)/python -m pip install --quiet --no-index --no-deps --find-links $(WHEELS) pybullet
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements/base.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements/users.lock
 	touch $@
 
 $(VENV)/installed: $(VENV)/requirements $(PACKAGES:%=%/setup.cfg) $(PACKAGES:%=%/package.xml)
@@ -118,10 +118,17 @@ $(VENV)/installed: $(VENV)/requirements $(PACKAGES:%=%/setup.cfg) $(PACKAGES:%=%
 		--config-settings editable_mode=compat --no-deps $(PACKAGES:%=-e ./%)
 	touch $@
 
+# what builds, tests and lints the suite; users need none of it
+$(VENV)/tools: requirements/base.lock $(VENV)/installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements/base.lock
+	touch $@
+
 extras: $(VENV)/extras install
 
-$(VENV)/extras: requirements/extra.lock $(VENV)/installed
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements/extra.lock
+# the lock has all that its packages need but torch, whose file, with CUDA or without, is left to the machine
+$(VENV)/extras: requirements/extra.lock requirements/torch.in $(VENV)/tools
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps -r requirements/extra.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements/torch.in
 	touch $@
 
 $(VENV)/docs: requirements/docs.lock | $(BIN)/python
@@ -132,12 +139,14 @@ $(VENV)/docs: requirements/docs.lock | $(BIN)/python
 audit: install
 	$(BIN)/python qa/release/audit.py
 
-# The extras have no hashes: which file of torch is installed, with CUDA or without, is left to the machine.
 # torch names the CUDA libraries that it needs itself, and only in its builds that use them
 lock:
 	$(COMPILE) --generate-hashes requirements/base.in -o requirements/base.lock
+	$(COMPILE) --generate-hashes -c requirements/base.lock requirements/users.in -o requirements/users.lock
 	$(COMPILE) --generate-hashes -c requirements/base.lock requirements/python.in -o requirements/python.lock
-	$(COMPILE) --no-annotate requirements/extra.in | grep -vE '^(cuda|nvidia|triton)' > requirements/extra.lock
+	$(COMPILE) --no-annotate --generate-hashes requirements/extra.in \
+		| sed -E '/^(cuda|nvidia|torch|triton)/,/[^\\]$$/d' > requirements/extra.lock
+	$(COMPILE) --no-annotate --generate-hashes requirements/cluster.in -o requirements/cluster.lock
 	$(COMPILE) --no-annotate --generate-hashes requirements/docs.in > requirements/docs.lock
 
 clean:

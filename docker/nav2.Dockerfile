@@ -1,6 +1,6 @@
 # syntax=docker/dockerfile:1.7
 # Nav2 for the Jackal, to be benchmarked from another container: see compose.nav2.yaml.
-ARG ROS_IMAGE=ros:jazzy-ros-base-noble
+ARG ROS_IMAGE=ros:jazzy-ros-base-noble@sha256:386d06ec6d4188f731bae5678e07b4cb64a4e4d4152090c0bd1f881dcf7706f5
 
 FROM ${ROS_IMAGE}
 SHELL ["/bin/bash", "-o", "pipefail", "-c"]

@@ -12,7 +12,7 @@ from xml.etree.ElementTree import parse
 
 import pytest
 import yaml
-from test_docker import SUITE
+from test_docker import FILES, SUITE
 from test_repository import ROOT
 
 from barn_eval.trials.protocol import PROTOCOLS
@@ -103,16 +103,38 @@ def test_the_name_of_a_released_image_is_valid(owner, tmp_path):
     assert push["with"]["tags"].startswith("${{ steps.image.outputs.name }}:")
 
 
-def test_the_lock_for_a_workspace_has_the_releases_of_the_lock():
-    def pins(name):
-        text = (ROOT / f"requirements/{name}.lock").read_text()
-        return set(re.findall(r"(?m)^([\w.-]+(?:\[\w+\])?==[^\\\n]*?) *\\?$", text))
+def pins_of(lock):
+    text = (ROOT / f"requirements/{lock}.lock").read_text()
+    return set(re.findall(r"(?m)^([\w.-]+(?:\[\w+\])?==[^\\\n]*?) *\\?$", text))
 
+
+@pytest.mark.parametrize("lock", ["python", "users"])
+def test_the_locks_of_users_have_the_releases_of_the_lock(lock):
     wanted = (ROOT / "requirements/python.in").read_text().splitlines()
     names = {line.lower() for line in wanted if not line.startswith("#")}
-    workspace = pins("python")
-    assert workspace <= pins("base")
-    assert names <= {pin.partition("==")[0].lower() for pin in workspace}
+    pins = pins_of(lock)
+    assert pins <= pins_of("base")
+    packages = {pin.partition("==")[0].lower() for pin in pins}
+    assert names <= packages
+    tools = {"colcon-core", "mypy", "ruff", "bandit", "pytest", "hypothesis", "wheel"}
+    assert not tools & packages
+    assert ("ros-jazzy-rclpy" in packages) == (lock == "users")
+
+
+@pytest.mark.parametrize(
+    "path", sorted((ROOT / "requirements").glob("*.lock")), ids=lambda path: path.stem
+)
+def test_every_file_of_a_lock_has_its_hash(path):
+    for package in re.split(r"\n(?=[\w.-]+(?:\[|==))", path.read_text()):
+        assert re.match(r"[^\n]*==[^\n]* \\\n +--hash=sha256:\w{64}", package), package
+
+
+def test_images_of_ros_are_pinned_by_one_digest():
+    texts = [path.read_text() for path in [*SUITES, *OTHERS, *FILES]]
+    images = re.findall(r"\bros:jazzy\S*", "\n".join(texts))
+    assert len(images) >= len(FILES)
+    (image,) = set(images)
+    assert re.fullmatch(r"ros:jazzy-ros-base-noble@sha256:[0-9a-f]{64}", image)
 
 
 def test_the_page_leads_from_an_empty_machine_to_a_workspace():

@@ -8,7 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-LOCKS = tuple(f"requirements/{name}.lock" for name in ("base", "docs", "extra"))
+NAMES = ("base.lock", "docs.lock", "extra.lock", "torch.in")
+LOCKS = tuple(f"requirements/{name}" for name in NAMES)
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -23,7 +24,7 @@ def audit(lock: str) -> tuple[int, list[str], str]:
         "--requirement",
         lock,
         "--disable-pip",
-        # Extras have no hashes, and each lock has all that its packages need.
+        # torch has no hashes, and each lock has all that its packages need.
         "--no-deps",
         "--format",
         "json",
