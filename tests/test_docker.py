@@ -100,7 +100,9 @@ def test_bases_and_packages_are_pinned(path):
                 assert packages
                 assert [word for word in packages if "=" not in word] == []
             for words in re.findall(r"pip install ([^&|;]*)", command):
-                assert re.search(r"--requirement /?\S+(\.lock|/torch\.in)", words), words
+                assert re.search(r"--requirement /?\S+(\.lock|/torch\.in)", words), (
+                    words
+                )
             # Wheels are made of what the lock has checked.
             for words in re.findall(r"pip wheel ([^&|;]*)", command):
                 assert re.search(r"--requirement /tmp/\w+\.lock", words), words

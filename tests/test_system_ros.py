@@ -80,7 +80,7 @@ def test_nodes_run_in_the_environment(package, node, workspace):
     assert script.open().readline() == f"#!{workspace}/venv/bin/python\n"
     words = f"ros2 run {package} {node} --ros-args -p {REFUSED[node]}"
     done = launch(workspace, words)
-    assert done.returncode == 1
+    assert done.returncode == 2
     name = REFUSED[node].partition(":=")[0]
     assert name in done.stdout and "Traceback" not in done.stdout
 

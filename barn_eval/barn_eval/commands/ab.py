@@ -14,8 +14,8 @@ from barn_eval.commands.options import (
     reporter,
     run_option,
 )
-from barn_eval.commands.run import exit_code
 from barn_eval.studies.ab import ab
+from barn_eval.trials.result import exit_code
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ExitCode
 

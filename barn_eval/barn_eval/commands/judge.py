@@ -15,9 +15,10 @@ from barn_eval.commands.options import (
     path_argument,
     print_notes,
 )
-from barn_eval.commands.run import exit_code, print_results
+from barn_eval.commands.run import print_results
 from barn_eval.running.judge import JudgeOptions, judge
 from barn_eval.running.reporting import describe_end
+from barn_eval.trials.result import exit_code
 from barn_worlds.base.config import fields_of
 
 _OPTIONS = JudgeOptions()

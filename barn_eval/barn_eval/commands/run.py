@@ -55,13 +55,12 @@ from barn_eval.running.reporting import Reporter, format_duration
 from barn_eval.running.request import RunRequest, read_request
 from barn_eval.running.setting_folders import LATENCY
 from barn_eval.running.settings import Setting, grid, read_sweep
-from barn_eval.trials.outcome import UNDRIVEN_OUTCOMES
-from barn_eval.trials.result import Rows, TrialResult
+from barn_eval.trials.result import Rows, TrialResult, exit_code
 from barn_eval.trials.ros_config import MODES, RosConfig
 from barn_eval.trials.run_config import ExecutionConfig, RunConfig
 from barn_sim.config import SimulatorConfig
 from barn_worlds.base.config import as_dict
-from barn_worlds.base.errors import ConfigError, ExitCode
+from barn_worlds.base.errors import ConfigError
 from barn_worlds.datasets.dataset import open_dataset
 
 _RUN = RunConfig()
@@ -276,18 +275,6 @@ def _finish(request: RunRequest, results: Rows, as_json: bool, show_all: bool) -
     """Print all results of a run and return the exit code."""
     print_results(request, results, as_json, show_all)
     return exit_code(results)
-
-
-def exit_code(results: Rows) -> int:
-    """Return DONE, or NOT_SCORED if a trial has no score or no planner finished one.
-
-    Args:
-        results: All rows of the run.
-    """
-    is_driven = any(row.outcome not in UNDRIVEN_OUTCOMES for row in results)
-    if is_driven and all(row.is_scored for row in results):
-        return ExitCode.DONE
-    return ExitCode.NOT_SCORED
 
 
 def _run_observed(

@@ -41,7 +41,7 @@ from barn_eval.trials.outcome import (
     Verdict,
 )
 from barn_eval.trials.protocol import load_protocol
-from barn_eval.trials.result import Rows, WallClock, to_json_line
+from barn_eval.trials.result import Rows, WallClock, exit_code, to_json_line
 from barn_eval.trials.ros_config import EvaluatorConfig, RosConfig
 from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfig
 from barn_eval.trials.spec import TrialSpec, simulator_config
@@ -49,7 +49,7 @@ from barn_eval.trials.system import ObservedTrial
 from barn_eval.trials.system_file import read_system
 from barn_eval.trials.trial import finish_trial
 from barn_worlds.base.config import from_dict
-from barn_worlds.base.errors import BarnError
+from barn_worlds.base.errors import BarnError, ExitCode
 from barn_worlds.base.text_files import read_json
 from barn_worlds.base.types import nanoseconds, seconds
 from barn_worlds.robots.files import load_robot
@@ -84,7 +84,7 @@ def main(
         raises: Whether a mistake in the input is raised and not logged.
 
     Returns:
-        0, or 1 after a mistake in the input or an interruption.
+        Exit code: the run's, for trials started by hand.
 
     Raises:
         BarnError: After a mistake in the input, if `raises`.
@@ -106,25 +106,24 @@ def main(
             node.destroy_node()
             node = Node("evaluator", cli_args=rules)
         if config.supervisor_fd < 0:
-            _run_by_hand(node, config)
-        else:
-            supervisor = EventChannel(socket.socket(fileno=config.supervisor_fd))
-            _run_assignment(node, config, supervisor)
-        return 0
+            return _run_by_hand(node, config)
+        supervisor = EventChannel(socket.socket(fileno=config.supervisor_fd))
+        _run_assignment(node, config, supervisor)
+        return ExitCode.DONE
     except BarnError as error:
         if raises:
             raise
         node.get_logger().fatal(str(error))
         if supervisor is not None:
             supervisor.send("refused", reason=str(error))
-        return 1
+        return error.exit_code
     except StopRequested:
-        return 1
+        return ExitCode.INTERRUPTED
     except Exception:
         # A signal may end ROS while something is being made with it.
         if rclpy.ok():
             raise
-        return 1
+        return ExitCode.INTERRUPTED
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
@@ -159,8 +158,8 @@ def _run_assignment(
     loop.report("done")
 
 
-def _run_by_hand(node: Node, config: EvaluatorConfig) -> None:
-    """Run the trials that the parameters define, and write their results folder.
+def _run_by_hand(node: Node, config: EvaluatorConfig) -> int:
+    """Run the trials that the parameters define, write their folder, return a code.
 
     Simulator and planner are started by somebody else; the trials wait for them.
     """
@@ -214,6 +213,7 @@ def _run_by_hand(node: Node, config: EvaluatorConfig) -> None:
         if scored:
             log.notify(_summarize(scored, scored[0].metric))
         log.notify(f"results in {out}; for a page of them: barn report {out}")
+        return exit_code(results)
 
 
 def _summarize(results: Rows, metric: str) -> str:

@@ -11,11 +11,17 @@ from typing import Any
 import numpy as np
 
 from barn_eval.trials.encounters import Encounters
-from barn_eval.trials.outcome import ENVIRONMENT, SIMULATOR, Outcome, Scores
+from barn_eval.trials.outcome import (
+    ENVIRONMENT,
+    SIMULATOR,
+    UNDRIVEN_OUTCOMES,
+    Outcome,
+    Scores,
+)
 from barn_eval.trials.system import ObservedTrial
 from barn_eval.trials.trajectory import Measures
 from barn_worlds.base.config import OPTIONAL, as_dict, from_dict
-from barn_worlds.base.errors import ConfigError, format_value
+from barn_worlds.base.errors import ConfigError, ExitCode, format_value
 from barn_worlds.base.text_files import as_mapping, parse_json
 
 # Compute modes: what a trial charges for a planner's computing, in simulated time.
@@ -230,6 +236,18 @@ class TrialResult:
 
 Rows = Sequence[TrialResult]
 RowsByPlanner = Mapping[str, Rows]
+
+
+def exit_code(results: Rows) -> int:
+    """Return DONE, or NOT_SCORED if a trial has no score or no planner finished one.
+
+    Args:
+        results: All rows of the run.
+    """
+    is_driven = any(row.outcome not in UNDRIVEN_OUTCOMES for row in results)
+    if is_driven and all(row.is_scored for row in results):
+        return ExitCode.DONE
+    return ExitCode.NOT_SCORED
 
 
 def describe_computer(computer: float) -> str:

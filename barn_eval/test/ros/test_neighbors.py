@@ -23,6 +23,7 @@ from barn_eval.results.folder import read_results
 from barn_eval.ros.supervision.process import ProcessError
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import PAPER_2020
+from barn_worlds.base.errors import ExitCode
 from barn_worlds.ros.domain import reserve_domain
 
 NEIGHBOUR = Path(__file__).parents[1].joinpath("neighbour_planner.py")
@@ -178,7 +179,7 @@ def test_an_interrupted_evaluator_ends_without_traceback(tmp_path):
     assert "Traceback" not in output
     # a signal that comes after Python's own handlers have gone ends what is left of the
     # process
-    assert evaluator.returncode in (1, -signal.SIGINT)
+    assert evaluator.returncode in (ExitCode.INTERRUPTED, -signal.SIGINT)
 
 
 def test_the_rclpy_of_another_python_is_refused(tmp_path, monkeypatch):

@@ -35,7 +35,7 @@ from barn_planners.runtime.messages import PlannerMessages
 from barn_planners.runtime.planner_runtime import PlannerRuntime, goal_problem
 from barn_planners.runtime.synchronizer import SyncConfig, Synchronizer
 from barn_worlds.base.config import Checked, quantity
-from barn_worlds.base.errors import BarnError
+from barn_worlds.base.errors import BarnError, ExitCode
 from barn_worlds.base.types import STOP, OccupancyMap, Odometry, Pose2D, Scan
 from barn_worlds.messages import decode, topics
 from barn_worlds.messages.decode import Header
@@ -334,7 +334,7 @@ def run(planner: str, name: str) -> int:
         name: Name of the node.
 
     Returns:
-        Exit code: 1, with one line, if a parameter is not allowed.
+        Exit code: REFUSED, with one line, if a parameter is not allowed.
     """
     signals: list[int] = []
 
@@ -358,7 +358,7 @@ def run(planner: str, name: str) -> int:
         node.destroy_node()
     except (BarnError, ParameterException) as error:
         print(error, file=sys.stderr)
-        return 1
+        return ExitCode.REFUSED
     finally:
         rclpy.try_shutdown()
     return 0

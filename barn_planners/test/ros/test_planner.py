@@ -24,6 +24,7 @@ from sensor_msgs.msg import LaserScan  # noqa: E402
 
 from barn_planners.interface import Task  # noqa: E402
 from barn_planners.registry import make_planner  # noqa: E402
+from barn_worlds.base.errors import ExitCode  # noqa: E402
 from barn_worlds.base.types import STOP, OccupancyMap, Pose2D, Velocity2D  # noqa: E402
 from barn_worlds.messages import decode, encode  # noqa: E402
 from barn_worlds.messages.topics import LATCHED  # noqa: E402
@@ -217,4 +218,4 @@ def test_reset_new_parameters_stamped_commands_and_refused_goals(
 )
 def test_a_wrong_parameter_ends_the_node_with_one_line(start_node, parameter, message):
     code, output = start_node("main", **parameter).end()
-    assert code == 1 and message in output and output.count("\n") == 1
+    assert code == ExitCode.REFUSED and message in output and output.count("\n") == 1

@@ -31,7 +31,7 @@ from barn_sim.ros.rhythm import Rhythm
 from barn_sim.ros.topics import CommandInput, Outputs, diagnosis
 from barn_sim.ros.trial import SimulatedTrial, begin_trial
 from barn_sim.simulator import warm_up
-from barn_worlds.base.errors import BarnError, TippedError
+from barn_worlds.base.errors import BarnError, ExitCode, TippedError
 from barn_worlds.base.types import (
     NANOSECONDS_PER_SECOND,
     Velocity2D,
@@ -380,7 +380,7 @@ def _initial_config(node: Node) -> RunConfig:
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the simulator node until SIGINT or SIGTERM; return 1 after an error."""
+    """Run the simulator node until SIGINT or SIGTERM; return an exit code."""
     node: SimulatorNode | None = None
 
     def stop(_signal: int, _frame: FrameType | None) -> None:
@@ -398,7 +398,7 @@ def main(args: list[str] | None = None) -> int:
     except RuntimeError as error:
         # Malformed ROS arguments.
         print(f"simulator: {error}", file=sys.stderr)
-        return 1
+        return ExitCode.REFUSED
 
     executor = SingleThreadedExecutor()
     try:
@@ -407,7 +407,7 @@ def main(args: list[str] | None = None) -> int:
         node.run()
     except BarnError as error:
         print(f"simulator: {error}", file=sys.stderr)
-        return 1
+        return error.exit_code
     finally:
         if node is not None:
             node.trial.simulator.close()

@@ -23,6 +23,7 @@ from simulator_peer import (  # noqa: E402
 
 from barn_sim.body.model import joint_names, robot_description  # noqa: E402
 from barn_sim.config import RunConfig, with_robot  # noqa: E402
+from barn_worlds.base.errors import ExitCode  # noqa: E402
 from barn_worlds.robots.files import find_robot_files, load_robot  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("private_domain")
@@ -73,9 +74,9 @@ def test_runs_freely_at_sensor_rates_and_rejects_wrong_types(started):
         ({"lidar.beams": "many"}, "lidar.beams"),
     ],
 )
-def test_a_bad_start_is_one_line_and_exit_code_1(parameters, reason):
+def test_a_bad_start_is_refused_in_one_line(parameters, reason):
     code, output = simulator_process(**parameters).end()
-    assert code == 1
+    assert code == ExitCode.REFUSED
     lines = [line for line in output.splitlines() if line.startswith("simulator: ")]
     assert len(lines) == 1
     assert reason in lines[0]

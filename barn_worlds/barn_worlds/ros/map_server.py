@@ -91,13 +91,13 @@ class MapServer(Node):
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node until it is stopped and return 0; print a BarnError and return 1."""
+    """Run the node until it is stopped and return 0, or the code of a BarnError."""
     rclpy.init(args=args)
     try:
         rclpy.spin(MapServer())
     except BarnError as error:
         print(f"map_server: {error}", file=sys.stderr)
-        return 1
+        return error.exit_code
     except (KeyboardInterrupt, ExternalShutdownException):
         return 0
     finally:

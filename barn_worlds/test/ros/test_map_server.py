@@ -78,6 +78,6 @@ def test_reload_serves_the_new_world_unless_it_is_wrong(peer):
 def test_the_executable_fails_with_one_line():
     code, output = Process("-m", "barn_worlds.ros.map_server", world=1000).end()
     assert (code, output) == (
-        1,
+        2,
         "map_server: barn300: no world 1000; there are 300 worlds from 0 to 299\n",
     )
