@@ -22,9 +22,9 @@ from refusals import refused
 
 from barn_worlds.base.errors import WorldError
 from barn_worlds.datasets.dataset import open_dataset
-from barn_worlds.datasets.generate import cell_size_m
 from barn_worlds.geometry.footprint import Footprint
 from barn_worlds.robots.files import STANDARD_ROBOT, load_robot
+from barn_worlds.worlds.course import cell_size_m
 
 
 def least_gap_m(way, grid, side_m, robot, samples=40):

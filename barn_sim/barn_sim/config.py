@@ -20,7 +20,7 @@ from barn_worlds.base.config import (
 )
 from barn_worlds.base.types import Pose2D, nanoseconds
 from barn_worlds.messages.topics import FRAMES, Frames
-from barn_worlds.robots.files import STANDARD_ROBOT
+from barn_worlds.robots.files import ROBOTS, STANDARD_ROBOT
 from barn_worlds.robots.parts import DriveConfig, LidarConfig, OdometryConfig
 from barn_worlds.robots.robot import Chassis, Robot
 
@@ -254,11 +254,17 @@ def with_robot(config: Config, robot: Robot) -> Config:
             unchanged: presets differ from that robot's own file.
         robot: Source of chassis, drive, lidar, odometry and grip of the wheels. Where
             the preset has another noise or latency than the default one, as `ideal` has
-            none, the preset's is kept.
+            none, the preset's is kept. One that equals a shipped robot gets its name;
+            any other with that name becomes "NAME (own)".
     """
-    # By all of its parts: a file may change the drive of a robot and keep its name.
-    if robot.chassis == config.chassis and _parts(robot) == _parts(STANDARD_ROBOT):
+    for shipped in ROBOTS.values():
+        if robot.drives_as(shipped):
+            robot = shipped
+    if robot is STANDARD_ROBOT and config.chassis == robot.chassis:
         return config
+    if robot.name in ROBOTS and robot is not ROBOTS[robot.name]:
+        own = replace(robot.chassis, name=f"{robot.name} (own)")
+        robot = replace(robot, chassis=own)
 
     standard = SimulatorConfig()
     parts: dict[str, Any] = {
@@ -276,11 +282,6 @@ def with_robot(config: Config, robot: Robot) -> Config:
     if not parts["lidar"].noise_m:
         parts["lidar"] = replace(parts["lidar"], noise_share=0.0)
     return replace(config, **parts)
-
-
-def _parts(robot: Robot) -> tuple[object, ...]:
-    """Return what a robot has besides its chassis."""
-    return robot.drive, robot.lidar, robot.odometry, robot.wheel_friction
 
 
 def chassis_in(simulator: object) -> Chassis:

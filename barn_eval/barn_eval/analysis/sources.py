@@ -39,7 +39,6 @@ from barn_worlds.geometry.footprint import Footprint
 from barn_worlds.robots.contact import contact_footprint
 from barn_worlds.robots.files import name_unless_standard
 from barn_worlds.robots.robot import Chassis
-from barn_worlds.worlds.course import fit_to_robot
 from barn_worlds.worlds.world import World
 
 _SIDE_BY_SIDE = "; barn report sets measured beside simulated trials"
@@ -262,6 +261,9 @@ def require_same_task(folders: Sequence[Path]) -> None:
     task = _read_task(first)
     for folder in others:
         other_task = _read_task(folder)
+        # Robots of other names are the same if nothing else differs.
+        if other_task["tasks"] == task["tasks"]:
+            continue
         for what, content in task.items():
             change = first_difference(content, other_task[what])
             if change is not None:
@@ -282,10 +284,13 @@ def _read_task(path: Path) -> dict[str, dict[str, Any]]:
     them.
     """
     task: dict[str, Any] = {"simulator": None, "system": as_dict(TABLE_SYSTEM)}
+    simulator: Any = None
     if not is_table_file(path):
-        task = RunFile.read(path).task()
+        run_file = RunFile.read(path)
+        task = run_file.task()
+        simulator = run_file.config.get("simulator")
     return {
-        "robots": {"robot": chassis_in(task["simulator"]).name},
+        "robots": {"robot": chassis_in(simulator).name},
         "systems": as_dict(system_in(task)),
         "tasks": task,
     }
@@ -343,8 +348,11 @@ def read_worlds(
             world = open_once(dataset).load(result.world)
             if world.checksum != checksum:
                 # Trials of other robots ran in the same world with a course to fit.
-                robot = robot_of(source.run_config.simulator)
-                world = fit_to_robot(world, robot, source.run_config.course)
+                run = source.run_config
+                fitted = open_once(dataset).for_robot(
+                    robot_of(run.simulator), run.course
+                )
+                world = fitted.load(result.world)
         except (BarnError, OSError) as error:
             worlds[checksum] = f"its world cannot be read: {error}"
             continue

@@ -31,7 +31,6 @@ from barn_worlds.datasets.generate import (
     TABLE_I,
     DatasetParameters,
     WorldParameters,
-    cell_size_m,
     generate_ranked_dataset,
     renumber,
     write_dataset,
@@ -59,7 +58,7 @@ from barn_worlds.formats.world_yaml import write_world_yaml
 from barn_worlds.robots.contact import contact_footprint
 from barn_worlds.robots.files import load_robot, name_unless_standard
 from barn_worlds.robots.robot import Robot
-from barn_worlds.worlds.course import fit_to_robot
+from barn_worlds.worlds.course import cell_size_m, fit_to_robot
 from barn_worlds.worlds.world import World
 
 __all__ = [
@@ -120,7 +119,7 @@ def load(
         worlds = dataset.split_into_routes(loaded_robot, courses, routes, seed)
         return {number: worlds[number] for number in select_worlds(select, worlds)}
     return {
-        number: dataset.load(number)
+        number: dataset.load_scaled(number, loaded_robot)
         for number in select_worlds(select, dataset.world_numbers)
     }
 

@@ -400,8 +400,7 @@ def require_row_of_trial(
 
 def _require_task(result: TrialResult, run_file: RunFile) -> None:
     """Raise ConfigError if a row names another task than run.json; it may name none."""
-    # Rows of early versions name no task.
-    if result.task not in ("", run_file.task_fingerprint):
+    if not run_file.has_task(result.task):
         raise ConfigError(
             f"{run_file.path.parent}: {result.trial_id} was run as task {result.task},"
             f" but {RUN_FILE} describes {run_file.task_fingerprint}: one of them was"

@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
 from functools import cached_property
@@ -14,6 +15,7 @@ from barn_eval.trials import identity
 from barn_eval.trials.result import SCHEMA_VERSION, require_schema
 from barn_eval.trials.run_config import ExecutionConfig, RunConfig
 from barn_eval.trials.spec import TrialSpec
+from barn_sim.config import chassis_in
 from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.errors import ConfigError, format_value
 from barn_worlds.base.files import write_durably
@@ -61,7 +63,7 @@ class RunFile:
             path,
             config,
             as_mapping(content.get("worlds")),
-            str(content.get("robot", "")),
+            _robot_sha256(str(content.get("robot", "")), config),
             as_mapping(content.get("code_versions")),
             _read_sessions(content),
             content.get("schema_version", 0),
@@ -119,6 +121,17 @@ class RunFile:
         content = identity.plain_task(self.config, self.robot, self.code_versions)
         return identity.fingerprint(content)
 
+    def has_task(self, task: str) -> bool:
+        """Return whether a row's task is the folder's; earlier rows may name none."""
+        if task in ("", self.task_fingerprint):
+            return True
+        # Earlier versions hashed the name of a robot of a user's with the rest.
+        simulator = self.config.get("simulator")
+        robot = identity.named_robot_sha256(chassis_in(simulator))
+        content = identity.plain_task(self.config, self.robot, self.code_versions)
+        content |= {"simulator": simulator, "robot": robot}
+        return task == identity.fingerprint(content)
+
     def origin_note(self) -> str:
         """Return the end of a message: the commits that wrote the folder, and this.
 
@@ -132,8 +145,9 @@ class RunFile:
         return f" (written at {names}, this is {_shorten(current)})"
 
     def deciding_config(self) -> dict[str, Any]:
-        """Return a copy of the plain configuration, in mode direct without `ros`."""
+        """Return the plain configuration without `ros` in mode direct and own names."""
         config = dict(self.config)
+        config["simulator"] = identity.without_own_name(config.get("simulator"))
         if config.get("mode") == "direct":
             # There they are defaults, to which later versions add fields.
             config.pop("ros", None)
@@ -195,6 +209,16 @@ class RunFile:
             "sessions": self.sessions,
         }
         write_durably(self.path, (json.dumps(content, indent=1) + "\n").encode())
+
+
+def _robot_sha256(robot: str, config: Mapping[str, Any]) -> str:
+    """Return a robot's SHA-256 without its name, which earlier versions hashed, too."""
+    # A configuration that cannot be read is refused where it is used.
+    with suppress(ConfigError):
+        chassis = chassis_in(config.get("simulator"))
+        if robot == identity.named_robot_sha256(chassis):
+            return identity.robot_sha256(chassis)
+    return robot
 
 
 def _read_sessions(content: Mapping[str, Any]) -> tuple[Mapping[str, Any], ...]:

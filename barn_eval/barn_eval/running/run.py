@@ -20,6 +20,7 @@ from barn_eval.trials.run_config import ExecutionConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trial import signal_handler
 from barn_worlds.base.errors import BarnError, ConfigError
+from barn_worlds.robots.files import name_unless_standard
 
 _MAX_UNSCORED_NAMES = 5
 # Of the limit; a trial that needs more, however it is driven, has hardly time.
@@ -76,7 +77,9 @@ def open_run(
             overwrite=overwrite,
         ) as folder,
     ):
-        reporter.notify(task_line(request.config.protocol.name, trials[0].task))
+        first = trials[0]
+        robot = name_unless_standard(first.simulator.chassis)
+        reporter.notify(task_line(first.protocol.name, first.task, robot))
         if folder.completed:
             reporter.notify(
                 f"{len(folder.completed)} of {folder.total} trials are there already"

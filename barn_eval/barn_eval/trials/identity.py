@@ -4,6 +4,7 @@ import hashlib
 import json
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -12,6 +13,8 @@ from barn_eval.trials.system import SUITE, System
 from barn_sim.body.model import description_text
 from barn_sim.config import PHYSICS_VERSION, SimulatorConfig
 from barn_worlds.base.config import as_dict
+from barn_worlds.base.text_files import as_mapping
+from barn_worlds.robots.files import ROBOTS, STANDARD_ROBOT
 from barn_worlds.robots.robot import Chassis
 
 # Versions of code that decides results beside any configuration, by the key that each
@@ -21,9 +24,19 @@ CODE_VERSIONS: Mapping[str, int] = {"physics": PHYSICS_VERSION}
 # Stands for a value that plain data do not have.
 NOT_SET = "not set"
 
+# What a robot of a user's is called in a fingerprint: its content decides, not its name.
+_OWN_ROBOT = "own"
+
 
 @cache
 def robot_sha256(chassis: Chassis) -> str:
+    """Return the SHA-256, in hex, of the URDF of a robot's body, by its own name."""
+    if chassis.name not in ROBOTS:
+        chassis = replace(chassis, name=_OWN_ROBOT)
+    return named_robot_sha256(chassis)
+
+
+def named_robot_sha256(chassis: Chassis) -> str:
     """Return the SHA-256, in hex, of the URDF text of a robot's body."""
     return hashlib.sha256(description_text(chassis).encode()).hexdigest()
 
@@ -59,13 +72,21 @@ def plain_task(
     """
     content = {
         "protocol": config.get("protocol"),
-        "simulator": config.get("simulator"),
+        "simulator": without_own_name(config.get("simulator")),
         "robot": robot,
     }
     if "system" in config:
         content["system"] = config["system"]
     # The versions come from a file: a key among them must not stand for the protocol.
     return dict(code_versions) | content
+
+
+def without_own_name(simulator: Any) -> Any:
+    """Return a simulator's plain data with the name of a robot of a user's replaced."""
+    chassis = as_mapping(as_mapping(simulator).get("chassis"))
+    if str(chassis.get("name", STANDARD_ROBOT.name)) in ROBOTS:
+        return simulator
+    return simulator | {"chassis": chassis | {"name": _OWN_ROBOT}}
 
 
 def fingerprint(content: Mapping[str, Any]) -> str:

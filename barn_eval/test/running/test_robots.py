@@ -15,13 +15,18 @@ from barn_eval.analysis.overview import reproduce
 from barn_eval.analysis.sources import read_source
 from barn_eval.results.bags.recorded import read_recorded_trial
 from barn_eval.results.rows import unseal_line
+from barn_eval.results.run_file import RunFile
 from barn_eval.running.request import read_request
+from barn_eval.trials import identity
 from barn_eval.trials.protocol import CHALLENGE
+from barn_eval.trials.result import SCHEMA_VERSION
 from barn_eval.trials.spec import simulator_config
 from barn_sim.config import PRESETS, robot_of, with_robot
+from barn_worlds.base.config import as_dict
 from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.formats.dataset_file import write_dataset_file
 from barn_worlds.robots.files import find_robot_files, load_robot, robot_yaml
+from barn_worlds.worlds.course import cell_size_m
 
 HUSKY = load_robot("husky")
 
@@ -67,10 +72,11 @@ def test_robots_by_name_file_and_object(tmp_path):
     )
     assert config_for(robot="husky").simulator.chassis == HUSKY.chassis
     assert config_for(robot=HUSKY).simulator == config_for(robot="husky").simulator
+    # The content is the husky's, whatever its file calls it.
     simulator = config_for(
         robot=str(mine), simulator={"drive.max_speed_m_s": 0.5}
     ).simulator
-    assert (simulator.chassis.name, simulator.drive.max_speed_m_s) == ("mine", 0.5)
+    assert (simulator.chassis.name, simulator.drive.max_speed_m_s) == ("husky", 0.5)
     for wrong in ("huski", 7):
         with refused("robot"):
             config_for(robot=wrong)
@@ -98,6 +104,49 @@ def test_tasks_and_planners_differ_by_robot():
     larger = math.hypot(0.495, 0.335) / math.hypot(0.254, 0.215)
     assert husky_trial.overrides["dwa.max_speed_mps"] == pytest.approx(0.5 * larger)
     assert other.overrides == {}
+
+
+def test_content_decides_the_task_not_the_name(tmp_path):
+    light = replace(HUSKY, chassis=replace(HUSKY.chassis, mass_kg=50.0))
+    renamed = replace(light, chassis=replace(light.chassis, name="mine"))
+    trials = [config_for(robot=robot).trials([0])[0] for robot in (light, renamed)]
+    assert [trial.simulator.chassis.name for trial in trials] == ["husky (own)", "mine"]
+    assert trials[0].task == trials[1].task
+    assert trials[0].task != config_for(robot="husky").trials([0])[0].task
+    earlier = RunFile.for_run(tmp_path, config_for(robot=light), trials[:1])
+    earlier.require_same_run(
+        RunFile.for_run(tmp_path, config_for(robot=renamed), trials[1:])
+    )
+
+    # Rows of earlier versions have a fingerprint with the name in it.
+    config = as_dict(config_for(robot=renamed))
+    robot = identity.named_robot_sha256(renamed.chassis)
+    named = {
+        "protocol": config["protocol"],
+        "simulator": config["simulator"],
+        "robot": robot,
+        **identity.CODE_VERSIONS,
+    }
+    run = {"schema_version": SCHEMA_VERSION, "experiment": config, "robot": robot}
+    run["code_versions"] = identity.CODE_VERSIONS
+    (tmp_path / "run.json").write_text(json.dumps(run))
+    run_file = RunFile.read(tmp_path)
+    assert run_file.task_fingerprint == trials[1].task
+    for task in ("", trials[1].task, identity.fingerprint(named)):
+        assert run_file.has_task(task)
+    assert not run_file.has_task("0123456789ab")
+
+
+def test_a_robot_wider_than_all_passages_meets_scaled_worlds():
+    corners = tuple((2.0 * x, 1.6 * y) for x, y in HUSKY.chassis.footprint_m)
+    body = replace(HUSKY.chassis, name="wide", footprint_m=corners)
+    wide = replace(HUSKY, chassis=body)
+    (trial,) = config_for(robot=wide).trials([0])
+    assert trial.world.resolution_m == cell_size_m(wide) == 0.585
+    # The whole robot stands before the back wall.
+    assert trial.course.start.y - 0.99 > trial.world.resolution_m
+    # A husky is narrow enough for the worlds as they are.
+    assert config_for(robot="husky").trials([0])[0].world.resolution_m == 0.15
 
 
 def test_a_planner_that_cannot_drive_it_is_refused(rejected):

@@ -150,8 +150,9 @@ def begin_trial(
         BarnError: If the world or the robot cannot be read.
     """
     # The body alone: parameters of drive and sensors keep what was set for the node.
-    config = replace(config, chassis=load_robot(config.robot).chassis)
-    world = open_dataset(config.dataset).load(config.world)
+    robot = load_robot(config.robot)
+    config = replace(config, chassis=robot.chassis)
+    world = open_dataset(config.dataset).load_scaled(config.world, robot)
     simulator = Simulator(world, config, config.start, config.seed)
     rhythm.begin_trial(nanoseconds(config.control_period_s), config.command_wait_s)
     scan_period_s = None

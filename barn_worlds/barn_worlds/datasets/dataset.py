@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from barn_worlds.base.config import format_selection
-from barn_worlds.base.errors import WorldError, format_value, suggest
+from barn_worlds.base.errors import WorldError, format_value, note, suggest
 from barn_worlds.formats import dataset_file, map_server, original, single
 from barn_worlds.formats.world_yaml import ENDING
 from barn_worlds.robots.files import STANDARD_ROBOT
 from barn_worlds.robots.robot import Robot
-from barn_worlds.worlds.course import draw_routes, fit_to_robot
+from barn_worlds.worlds.course import draw_routes, fit_to_robot, scale_to_robot
 from barn_worlds.worlds.world import World
 
 # Data set whose worlds every robot meets in its own size.
@@ -90,10 +90,28 @@ class Dataset:
         self, world_number: int, robot: Robot, course: Sequence[float]
     ) -> World:
         """Load a world of this data set and return it as a robot drives it."""
+        return fit_to_robot(self.load_scaled(world_number, robot), robot, course)
+
+    def load_scaled(self, world_number: int, robot: Robot) -> World:
+        """Return a world by number, of some shipped data sets in the size of a robot.
+
+        That is each maneuver, and each world for any robot if it is too narrow.
+
+        Raises:
+            WorldError: As `load`.
+        """
         world = self.load(world_number)
         if self.name == MANEUVERS:
-            world = world.resize(robot.reach_m / STANDARD_ROBOT.reach_m)
-        return fit_to_robot(world, robot, course)
+            return world.resize(robot.reach_m / STANDARD_ROBOT.reach_m)
+        if self.name not in dataset_files() or self.manifest.get("robot"):
+            return world
+        scaled = scale_to_robot(world, robot)
+        if scaled is not world:
+            note(
+                f"{self.name}: scaled to cells of {scaled.resolution_m:g} m, as robot "
+                f"{robot.name} is wider than its passages"
+            )
+        return scaled
 
     def split_into_routes(
         self,
@@ -132,14 +150,14 @@ class Dataset:
     def require_fit(self, robot: Robot, world_numbers: Iterable[int]) -> None:
         """Raise WorldError if a robot is too large for worlds made for another one.
 
-        Data sets whose manifest names no robot, such as barn300, are for any.
+        Data sets whose manifest names no robot, such as barn300, are scaled for it.
 
         Args:
             robot: Compared with the one that the manifest names.
             world_numbers: Numbers of the worlds that it would drive in.
         """
-        intended_robot = self.manifest.get("robot") or robot.name
-        if intended_robot == robot.name:
+        intended_robot = self.manifest.get("robot")
+        if not intended_robot:
             return
 
         for world in map(self.load, world_numbers):
@@ -151,7 +169,8 @@ class Dataset:
                     f"{planned_cells} x {planned_cells} cells of "
                     f"{world.resolution_m:g} m: "
                     f"robot {robot.name} takes {needed_cells} x {needed_cells}; "
-                    f"name one that fits, such as {intended_robot}"
+                    f"name one that fits, such as {intended_robot}, or make worlds: "
+                    "barn worlds generate FILE.npz --robot ROBOT"
                 )
 
     @cached_property

@@ -1,7 +1,6 @@
 """Generating worlds and whole data sets from a seed (paper, Sec. III-A)."""
 
 import dataclasses
-import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,8 +12,6 @@ from barn_worlds.base.arrays import BoolGrid
 from barn_worlds.base.config import Checked, as_dict, quantity
 from barn_worlds.base.errors import ConfigError, WorldError
 from barn_worlds.formats.dataset_file import WorldOrder, write_dataset_file
-from barn_worlds.robots.files import STANDARD_ROBOT
-from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.cspace import configuration_space
 from barn_worlds.worlds.path_planner import (
     INFLATION_CELLS,
@@ -119,17 +116,6 @@ class DatasetParameters(Checked):
     def world_count(self) -> int:
         """Number of worlds that all sets make, before `keep` selects some."""
         return self.worlds_per_set * len(self.sets)
-
-
-def cell_size_m(robot: Robot) -> float:
-    """Return the cell size in m, in whole millimeters, of worlds made for a robot.
-
-    It is the Jackal's 0.15 m scaled to the robot. The robot then takes 5 x 5 cells like
-    the Jackal, and passages are as wide for it.
-    """
-    # Rounded up to whole millimeters, so that the robot still takes 5 x 5 cells.
-    scale = 1000.0 * WorldParameters().resolution_m * robot.reach_m
-    return math.ceil(scale / STANDARD_ROBOT.reach_m - 1e-6) / 1000.0
 
 
 def generate_world(

@@ -48,6 +48,8 @@ class GazeboFile:
             where: Path of the file, to begin an error message with.
         """
         self._where = where
+        # What a saved scale has to do with cylinders that fit no grid.
+        self._scale_hint = ""
         if content.count(b"<") > MOST_TAGS:
             raise self._error(f"more than {MOST_TAGS} tags")
         # Entities could expand to gigabytes or name files of the host.
@@ -104,7 +106,7 @@ class GazeboFile:
             position = centers_m[np.argmax(outside)].tolist()
             raise self._error(
                 f"cylinder at {position} m is not on the grid of "
-                f"{resolution_m:g} m cells left of x = 0"
+                f"{resolution_m:g} m cells left of x = 0{self._scale_hint}"
             )
 
         # Columns below 0 are in front of the field, where robots start.
@@ -163,6 +165,12 @@ class GazeboFile:
         cylinders: list[tuple[float, float, float]] = []
         try:
             for model, scale in self._world.models():
+                if scale != 1.0 and not self._scale_hint:
+                    name = model.element.get("name", "")
+                    self._scale_hint = (
+                        f"; <state> scales model {name!r:.60} by {scale:g}: write "
+                        "<scale>1 1 1</scale> there, or space such cylinders as wide"
+                    )
                 cylinders += self._read_model(model, scale)
         except RecursionError:
             raise self._error("models are nested too deep") from None
@@ -227,7 +235,7 @@ class GazeboFile:
             if abs(other_m - radius_m) > 1e-6:
                 raise self._error(
                     "all cylinders must have one radius, "
-                    f"got {radius_m:g} m and {other_m:g} m"
+                    f"got {radius_m:g} m and {other_m:g} m{self._scale_hint}"
                 )
         # Radii in files have rounding errors of whatever wrote them.
         resolution_m = round(2.0 * radius_m, 9)

@@ -6,7 +6,7 @@ y left, z up, in meters. Commands and odometry refer to its origin.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
 
@@ -331,6 +331,14 @@ class Robot(Checked):
     def name(self) -> str:
         """Name of the robot."""
         return self.chassis.name
+
+    def drives_as(self, other: "Robot") -> bool:
+        """Return whether all is equal but names, summaries and sources."""
+        chassis = replace(self.chassis, name=other.name)
+        renamed = replace(
+            self, chassis=chassis, summary=other.summary, sources=other.sources
+        )
+        return renamed == other
 
     @property
     def length_m(self) -> float:

@@ -5,7 +5,7 @@ as its map frame. The robot drives in +y: rows lie along x, columns along y. A s
 world (30 x 30 cells of 0.15 m) is 4.5 m wide; its cells are at x = -4.425 + 0.15 row
 and y = 5.175 + 0.15 column. The containment, a back wall and two side walls of the same
 cylinders, encloses the 5.1 m in front of column 0, where robots start. Worlds of other
-sizes keep the right side wall at x = 0 and the same distance in front.
+sizes keep the right side wall at x = 0 and 5.1 m, or 18 columns, in front.
 """
 
 import math
@@ -22,6 +22,9 @@ from barn_worlds.worlds.cspace import configuration_space
 
 # From the outside of the back wall to the first column.
 LEAD_IN_M = 5.1
+# Or as many columns, if these are longer: a robot of more than twice the Jackal's size,
+# whose cells are large, would not fit behind the start otherwise.
+_FEWEST_LEAD_IN_CELLS = 18
 # Of the map beyond the last column.
 MARGIN_M = 0.3
 CYLINDER_HEIGHT_M = 1.0
@@ -36,7 +39,8 @@ _SMALLEST_MAP_CELL_M = 0.005
 def lead_in_cells(resolution_m: float) -> int:
     """Return how many columns lie before column 0, those of the back wall included."""
     # The tolerance keeps 5.1 / 0.15, which is slightly above 34, at 34 cells.
-    return max(1, math.ceil(LEAD_IN_M / resolution_m - 1e-9))
+    cells = math.ceil(LEAD_IN_M / resolution_m - 1e-9)
+    return max(cells, _FEWEST_LEAD_IN_CELLS)
 
 
 def margin_cells(resolution_m: float) -> int:

@@ -14,7 +14,9 @@ from barn_worlds.base.errors import WorldError
 from barn_worlds.base.types import Pose2D
 from barn_worlds.geometry.polygon import Corner
 from barn_worlds.robots.contact import contact_footprint
+from barn_worlds.robots.files import STANDARD_ROBOT
 from barn_worlds.robots.robot import Robot
+from barn_worlds.worlds.cells import STANDARD_CELL_M
 from barn_worlds.worlds.cspace import configuration_space, label_regions
 from barn_worlds.worlds.path_planner import plan_path
 from barn_worlds.worlds.routes import draw_ends
@@ -123,6 +125,33 @@ def fit_to_robot(world: World, robot: Robot, course: Sequence[float] = ()) -> Wo
         return plan_course(world, robot, (world.start, world.goal))
     _require_free(world, robot, world.start, world.goal)
     return world
+
+
+def cell_size_m(robot: Robot) -> float:
+    """Return the cell size in m, in whole millimeters, of worlds made for a robot.
+
+    It is the Jackal's 0.15 m scaled to the robot. The robot then takes 5 x 5 cells like
+    the Jackal, and passages are as wide for it.
+    """
+    # Rounded up to whole millimeters, so that the robot still takes 5 x 5 cells.
+    scale = 1000.0 * STANDARD_CELL_M * robot.reach_m
+    return math.ceil(scale / STANDARD_ROBOT.reach_m - 1e-6) / 1000.0
+
+
+def scale_to_robot(world: World, robot: Robot) -> World:
+    """Return a world with larger cells if a robot is too wide for any path through it.
+
+    The world itself is returned for other robots, and if it has a scene in meters.
+
+    Args:
+        world: World with the containment of BARN.
+        robot: Robot that is to drive there.
+    """
+    path_width_m = world.footprint_cells * world.resolution_m
+    is_narrow = min(robot.length_m, robot.width_m) <= path_width_m
+    if is_narrow or world.corner_m is not None or world.moving or world.walls:
+        return world
+    return replace(world, resolution_m=cell_size_m(robot))
 
 
 def plan_course(world: World, robot: Robot, course: Course | None = None) -> World:

@@ -230,6 +230,13 @@ def test_a_saved_world_is_as_gazebo_shows_it_after_loading():
     assert radii == pytest.approx([0.3, 0.1])
 
 
+def test_cylinders_that_a_saved_scale_puts_off_the_grid_are_refused_by_its_name():
+    state = "<state><model name='m'><scale>2 2 1</scale></model></state>"
+    model = f"<model name='m'><pose>-4.425 5.175 0.5 0 0 0</pose>{LINK}</model>"
+    with pytest.raises(WorldError, match="<state> scales model 'm' by 2: write <scale"):
+        GazeboFile(document(model, state), "w").grid()
+
+
 @pytest.mark.parametrize(
     "name", ["Sun", "Ground Plane/2", "Ground%20Plane/tip", "sun/", "ground_plane"]
 )

@@ -19,12 +19,12 @@ from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.datasets.generate import (
     NARROWNESS,
-    cell_size_m,
     narrowness,
     write_ordered,
 )
 from barn_worlds.formats.dataset_file import WorldOrder
 from barn_worlds.robots.files import load_robot, name_unless_standard
+from barn_worlds.worlds.course import cell_size_m
 
 
 def write_hard_worlds(
