@@ -279,6 +279,8 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         """Return `info` of robot 0, with outcome and scores once its trial is over."""
         columns = episodes.info_columns()
         info = {name: values[0].item() for name, values in columns.items()}
+        if episodes.running[0]:
+            return info
         return info | final_info(episodes.trial(0))
 
 

@@ -265,9 +265,9 @@ class Episodes:
         is_finite = np.isfinite(commands).all(axis=1)
         # A command that is not a number ends the episode before the robot moves.
         is_refused = ~(is_finite | is_resting)
-        driving = np.flatnonzero(is_finite & ~is_resting)
+        driving = (is_finite & ~is_resting).nonzero()[0]
         # Robots that rest are read as well: it is the first look of their episodes.
-        observed = np.flatnonzero(~is_refused)
+        observed = (~is_refused).nonzero()[0]
 
         before_m = self.distances_left_m.copy()
         driven_s = np.zeros(len(actions))
@@ -279,8 +279,9 @@ class Episodes:
             self.batch.advance(driving, checked)
             self._read(read)
             driven_s[driving] += self._period_s
-            is_changed = (checked[driving] != commands[driving]).any(axis=1)
-            changed_s[driving[is_changed]] += self._period_s
+            if checked is not commands:
+                is_changed = (checked[driving] != commands[driving]).any(axis=1)
+                changed_s[driving[is_changed]] += self._period_s
             ended += self.judge(driving)
             driving = driving[self.running[driving]]
             read = driving
@@ -303,7 +304,7 @@ class Episodes:
         )
         rewards[is_resting] = 0.0
 
-        for index in np.flatnonzero(is_refused).tolist():
+        for index in is_refused.nonzero()[0].tolist():
             command = Velocity2D(*commands[index].tolist())
             self._trials[index].command(command)
             self.running[index] = False

@@ -23,7 +23,7 @@ import numpy.typing as npt
 from numba import njit
 
 from barn_planners.interface import FloatArray, Observation
-from barn_worlds.base.arrays import Singles
+from barn_worlds.base.arrays import Bools, Singles
 from barn_worlds.base.config import Checked, optional, quantity
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.kernel import kernel
@@ -121,11 +121,9 @@ class PolicyAction(Checked):
 
     def commands(self, actions: npt.NDArray[np.floating]) -> FloatArray:
         """Return (n, 2) speeds in m/s, yaw rates in rad/s of clipped actions (n, 2)."""
-        # For a single action np.clip takes longer than the rest of this method.
-        values = np.minimum(np.maximum(actions.astype(np.float64), -1.0), 1.0)
-        speed_range = self.max_speed_mps - self.min_speed_mps
-        values[:, 0] = self.min_speed_mps + 0.5 * (values[:, 0] + 1.0) * speed_range
-        values[:, 1] *= self.max_yaw_rate_radps
+        values: FloatArray = actions.astype(np.float64)
+        limits = (self.min_speed_mps, self.max_speed_mps, self.max_yaw_rate_radps)
+        _scale_actions(values, limits)
         return values
 
 
@@ -152,17 +150,14 @@ class FrameStack:
             frames: Frames (n, frame_size) of all robots.
             vectors: Vectors (n, size), changed in place.
         """
-        last = self._last
-        last[rows, 1:] = last[rows, :-1]
-        last[rows, 0] = frames[rows]
-
-        # Nothing came before the first frame, so it fills the whole memory.
-        empty = rows[self._is_empty[rows]]
-        last[empty] = frames[empty, None]
-        self._is_empty[rows] = False
-
-        chosen = last[:, :: self._config.frame_steps]
-        vectors[rows] = chosen[rows].reshape(len(rows), -1)
+        _push_frames(
+            self._last,
+            self._is_empty,
+            self._config.frame_steps,
+            rows,
+            frames,
+            vectors,
+        )
 
 
 class ObservationEncoder:
@@ -348,6 +343,62 @@ def _encode(
         frames[i, count + 2] = math.sin(bearing)
         frames[i, count + 3] = min(max(velocities[i, 0] / speed_limit, -1.0), 1.0)
         frames[i, count + 4] = min(max(velocities[i, 1] / rate_limit, -1.0), 1.0)
+
+
+@kernel
+def _scale_actions(values: FloatArray, limits: tuple[float, float, float]) -> None:
+    """Turn actions (n, 2) into velocities in place, as `PolicyAction.commands` does.
+
+    Args:
+        values: Actions of any size; speeds in m/s and yaw rates in rad/s afterwards.
+        limits: Lowest and highest speed, highest yaw rate.
+    """
+    min_speed_mps, max_speed_mps, max_yaw_rate_radps = limits
+    for i in range(len(values)):
+        for k in range(values.shape[1]):
+            # NaN fails both comparisons and stays.
+            if values[i, k] < -1.0:
+                values[i, k] = -1.0
+            elif values[i, k] > 1.0:
+                values[i, k] = 1.0
+        share = 0.5 * (values[i, 0] + 1.0)
+        values[i, 0] = min_speed_mps + share * (max_speed_mps - min_speed_mps)
+        values[i, 1] *= max_yaw_rate_radps
+
+
+@kernel
+def _push_frames(
+    last: Singles,
+    is_empty: Bools,
+    frame_steps: int,
+    rows: Indices,
+    frames: Vector,
+    vectors: Vector,
+) -> None:
+    """Add frames as `FrameStack.push` does.
+
+    Args:
+        last: Last frames (n, depth, frame_size), newest first, changed in place.
+        is_empty: Robots (n,) without a frame so far, changed in place.
+        frame_steps: Places in `last` between two frames of a vector.
+        rows: Robots that have a new frame, (k,).
+        frames: Frames (n, frame_size) of all robots.
+        vectors: Vectors (n, size), changed in place.
+    """
+    depth = last.shape[1]
+    size = last.shape[2]
+    for row in rows:
+        for place in range(depth - 1, 0, -1):
+            # Nothing came before the first frame, so it fills the whole memory.
+            older = frames[row] if is_empty[row] else last[row, place - 1]
+            last[row, place] = older
+        last[row, 0] = frames[row]
+        is_empty[row] = False
+
+        start = 0
+        for place in range(0, depth, frame_steps):
+            vectors[row, start : start + size] = last[row, place]
+            start += size
 
 
 @kernel
