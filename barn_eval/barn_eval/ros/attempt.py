@@ -1,8 +1,9 @@
 """A planner without a trial: whether it starts, what it hears, when it commands."""
 
 import os
+import re
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -51,6 +52,7 @@ _LISTEN_S = 2.0  # from then on
 _GOAL_PERIOD_S = 0.5
 _COMMANDS = {TWIST: CMD_VEL, TWIST_STAMPED: CMD_VEL_STAMPED}
 _INPUTS = (SCAN, ODOM, GOAL_POSE)
+_GOAL_NAME = re.compile("goal|target|dest|point")
 _NOT_FINITE = "it commands NaN or infinity"
 _NO_GOAL = (
     "it takes no goal from a topic or an action. The challenge's is (10, 0) in odom: give"
@@ -83,11 +85,14 @@ def connect(graph: Graph) -> Attempt:
         graph: The endpoints of the planner alone.
     """
     attempt = Attempt()
+    # What its own nodes say to each other.
+    published = {item.topic for item in graph.publishers}
+    internal = published & {item.topic for item in graph.subscriptions}
     inputs = []
     rules = []
     for topic in (CMD_VEL, *_INPUTS):
         endpoints = graph.subscriptions if topic in _INPUTS else graph.publishers
-        name = _choose(topic, endpoints)
+        name = _choose(topic, endpoints, internal)
         attempt.topics[topic.name] = name
         if name and topic in _INPUTS:
             inputs.append(topic.name)
@@ -107,13 +112,26 @@ def connect(graph: Graph) -> Attempt:
     return attempt
 
 
-def _choose(topic: Topic, endpoints: Iterable[Endpoint]) -> str:
-    """Return the name under which a planner has a topic, empty if it has none."""
+def _choose(
+    topic: Topic, endpoints: Iterable[Endpoint], internal: Collection[str] = ()
+) -> str:
+    """Return the name under which a planner has a topic, empty if it has none.
+
+    Args:
+        topic: The topic.
+        endpoints: The planner's publishers, or its subscriptions.
+        internal: Topics that it both publishes and hears, the last to be chosen.
+    """
     types = _COMMANDS if topic is CMD_VEL else (topic.type_name,)
     names = sorted(item.topic for item in endpoints if item.type_name in types)
+    if topic is GOAL_POSE:
+        # A pose of another name may be the robot's own.
+        names = [name for name in names if _GOAL_NAME.search(name)]
     # Of several, that which is called most like it.
     word = topic.name.partition("_")[0]
-    names.sort(key=lambda name: (name != topic.path, word not in name))
+    names.sort(
+        key=lambda name: (name in internal, name != topic.path, word not in name)
+    )
     return names[0] if names else ""
 
 

@@ -90,9 +90,13 @@ class Executable:
     @property
     def import_path(self) -> list[Path]:
         """Folders that its modules are imported from."""
-        return [
+        folders = [
             path for package in self.packages for path in (package, package / "src")
         ]
+        # Scripts of a package are installed side by side, and import each other.
+        if ":" not in self.entry and not self.launched:
+            folders.insert(0, self.sources()[0].resolve().parent)
+        return folders
 
     def sources(self) -> list[Path]:
         """Return the file that the entry is in, or those of all that is launched."""
@@ -212,6 +216,8 @@ def _choose(name: str, files: Sequence[Path], packages: Sequence[Path]) -> Execu
         if name and file.match(name):
             return _read_launched(file, packages, executables)
     compiled = _explain_compiled(packages)
+    if not executables and all(map(_is_ros1, packages)):
+        raise ConfigError("it is for ROS 1; see docs/tutorials/other_stacks.md")
     if not executables:
         raise ConfigError(compiled or _NO_EXECUTABLES)
     matching = [item for item in executables if name in ("", item.name)]
@@ -270,7 +276,7 @@ def find_module(name: str, folders: Sequence[Path]) -> Path | None:
 def _explain_compiled(packages: Sequence[Path]) -> str:
     """Return what of packages is compiled and how that is started, empty if nothing."""
     for package in packages:
-        text = _read(package / _CMAKE)
+        text = _read_cmake(package)
         for name in _COMPILED.findall(text):
             return (
                 f"{name} of {package} is compiled; build it with colcon, and start it by"
@@ -306,6 +312,19 @@ def _read(path: Path) -> str:
     return read_bytes(path, _LARGEST_BYTES).decode("utf-8", "replace")
 
 
+def _read_cmake(package: Path) -> str:
+    """Return a package's CMake file without comments, the project's name filled in."""
+    text = re.sub(r"#.*", "", _read(package / _CMAKE))
+    project = re.search(r"project\s*\(\s*([\w.-]+)", text, re.IGNORECASE)
+    name = project[1] if project else _package_name(package)
+    return text.replace("${PROJECT_NAME}", name)
+
+
+def _is_ros1(package: Path) -> bool:
+    """Return whether the build tool of a package is that of ROS 1."""
+    return "<buildtool_depend>catkin<" in _read(package / _MANIFEST)
+
+
 def _read_executables(package: Path) -> list[Executable]:
     """Return the Python executables that a package installs."""
     executables = []
@@ -317,7 +336,7 @@ def _read_executables(package: Path) -> list[Executable]:
         match = _SCRIPT.fullmatch(line)
         if match:
             executables.append(Executable(match[1], package, match[2]))
-    for programs in _PROGRAMS.findall(_read(package / _CMAKE)):
+    for programs in _PROGRAMS.findall(_read_cmake(package)):
         for script in programs.split():
             if script.endswith(".py"):
                 executables.append(Executable(Path(script).name, package, script))

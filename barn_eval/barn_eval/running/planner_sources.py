@@ -116,7 +116,8 @@ def supplier(module: str) -> str:
     for pattern, text in _SUPPLIERS.items():
         if re.fullmatch(pattern, module):
             return str(text).format(name=module.replace("_", "-"))
-    return f"not known here; see the planner's page, or try: pip install {module}"
+    # Packages of that name on PyPI may be something else.
+    return "not known here: see the planner's page for what has it"
 
 
 def explain_end(command: str, printed: str) -> str:

@@ -219,6 +219,22 @@ COMPILED = "add_executable(planner_node src/planner.cpp)\n"
             "",
             'planner_node of .* is compiled; .* --planner-command "ros2 run p planner_node"',
         ),
+        (
+            {
+                "CMakeLists.txt": "project(turns)\n# add_executable(old a.cpp)\n"
+                "add_executable(${PROJECT_NAME}_node b.cpp)\n"
+            },
+            "",
+            "turns_node of .* is compiled",
+        ),
+        (
+            {
+                "CMakeLists.txt": "# add_executable(old a.cpp)\n",
+                "package.xml": "<buildtool_depend>catkin</buildtool_depend>",
+            },
+            "",
+            "it is for ROS 1",
+        ),
     ],
 )
 def test_what_cannot_be_started_is_refused_with_what_to_type(
