@@ -28,6 +28,7 @@ MOVING_WORLD = 5
 # What draws the others.
 ELSEWHERE = {
     "trial.gif": "make animation",
+    "report.png": "the top of barn report out/first, after README.md",
     "barn_hard.png": "barn show 0:100:5 --dataset barn_hard --out docs/figures/barn_hard.png",
     "office.png": "barn show out/office.yaml --out docs/figures/office.png, after docs/tutorials/own_world.md",
     "garden.png": "barn show out/garden.map --out docs/figures/garden.png, after docs/tutorials/own_world.md",
