@@ -124,12 +124,13 @@ def test_the_number_of_resamples_is_the_codes():
 
 
 def words_of(text):
-    """Return the words of a page, without code, link targets and generated parts."""
+    """Return the words of a page, without code, tags, link targets and generated parts."""
     without_code = re.sub(r"(?ms)^```.*?^```|^ {4}.*?$", "", text)
     by_hand = re.sub(
         r"(?s)<!-- ([\w ]+): begin -->.*?<!-- \1: end -->", "", without_code
     )
-    without_targets = re.sub(r"\]\([^)]*\)", "]", by_hand)
+    without_tags = re.sub(r"<[a-z/][^>\n]*>", " ", by_hand)
+    without_targets = re.sub(r"\]\([^)]*\)", "]", without_tags)
     return [word for word in without_targets.split() if re.search("[A-Za-z]{2}", word)]
 
 
