@@ -18,8 +18,7 @@ from scipy import stats
 
 from barn_eval.results.rows import RowFile
 from barn_eval.results.run_file import RunFile
-from barn_eval.trials.outcome import Outcome
-from barn_eval.trials.result import format_trial_id
+from barn_eval.trials.result import Outcome, format_trial_id
 
 WORLDS = 10
 LENGTH_M = 5.0

@@ -13,7 +13,7 @@ from test_difficulty_judging import make_trials
 from trial_sources import join_trials, load_trials, read_trials
 
 from barn_eval.analysis.sources import read_source
-from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.result import Outcome
 from barn_metrics.model import ModelError, load_model
 from barn_worlds.base.errors import BarnError
 from barn_worlds.datasets.dataset import open_dataset

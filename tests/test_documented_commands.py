@@ -21,8 +21,8 @@ from waiting import run_python
 import barn_eval
 from barn_eval.commands.main import COMMANDS, MORE, cli
 from barn_eval.commands.options import parse_parameters
-from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE, PROTOCOLS, load_protocol
+from barn_eval.trials.result import Outcome
 from barn_eval.trials.ros_config import RosConfig
 from barn_eval.trials.spec import simulator_config
 from barn_planners.registry import planner_names

@@ -97,7 +97,7 @@ def test_a_hang_counts_as_killed():
     """
     code = (
         f"import sys; sys.path.insert(0, {str(TOOL)!r}); import runner; runner.prepare();"
-        "tests = [runner.ROOT / 'barn_eval/test/trials/test_outcome.py'];"
+        "tests = [runner.ROOT / 'barn_eval/test/trials/test_result.py'];"
         "print(*runner.survivals('barn_eval.trials.seeds', ['while True: pass'], tests, 1, 1))"
     )
     ended = run_python("-c", code)

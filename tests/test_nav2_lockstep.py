@@ -17,8 +17,8 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 from repository import EXAMPLES
 from ros_runs import make_plan, nothing_left, run  # noqa: F401 (a fixture)
 
-from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE
+from barn_eval.trials.result import Outcome
 from barn_eval.trials.ros_config import RosConfig
 
 PARAMETERS = EXAMPLES / "nav2/params"

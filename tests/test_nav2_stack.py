@@ -20,8 +20,8 @@ from repository import EXAMPLES
 from ros_runs import drive, make_plan, marked, nothing_left  # noqa: F401 (a fixture)
 from waiting import until
 
-from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE
+from barn_eval.trials.result import Outcome
 from barn_eval.trials.ros_config import RosConfig, WaitLimits
 
 LAUNCH_FILE = EXAMPLES / "nav2/nav2.launch.py"

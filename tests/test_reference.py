@@ -8,7 +8,7 @@ import reference as tool
 import yaml
 from repository import ROOT
 
-from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.result import Outcome
 from barn_eval.trials.ros_config import EvaluatorConfig
 from barn_planners.registry import planner_config
 from barn_sim.config import PRESETS, RunConfig, SimulatorConfig

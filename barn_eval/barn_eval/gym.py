@@ -27,5 +27,5 @@ if ENVIRONMENT_ID not in gymnasium.registry:
     gymnasium.register(
         ENVIRONMENT_ID,
         entry_point="barn_eval.learning.environment:JackalEnv",
-        vector_entry_point="barn_eval.learning.vector:JackalVectorEnv",
+        vector_entry_point="barn_eval.learning.environment:JackalVectorEnv",
     )

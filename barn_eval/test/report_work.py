@@ -18,9 +18,8 @@ from barn_eval.results.rows import TRACKS_FILE, TrialLines, seal_line, unseal_li
 from barn_eval.results.run_file import RunFile
 from barn_eval.results.tracks import thin_samples
 from barn_eval.trials import identity
-from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE
-from barn_eval.trials.result import format_trial_id, to_json_line
+from barn_eval.trials.result import Outcome, format_trial_id, to_json_line
 from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfig
 from barn_eval.trials.spec import simulator_config
 from barn_eval.trials.trajectory import compute_clearances

@@ -7,8 +7,8 @@ from results.test_rows import result as a_result
 
 from barn_eval.results.folder import ResultsFolder
 from barn_eval.results.store import TrialRecord
-from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import PAPER_2020
+from barn_eval.trials.result import Outcome
 from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfig
 from barn_eval.trials.spec import simulator_config
 

@@ -9,7 +9,7 @@ import numpy as np
 from barn_metrics import metrics
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import WorldError
-from barn_worlds.base.text_files import make_json_safe, read_package_yaml
+from barn_worlds.base.files import make_json_safe, read_package_yaml
 from barn_worlds.datasets.dataset import Dataset
 from barn_worlds.worlds.world import World
 

@@ -9,8 +9,7 @@ from driving import wander
 from numba import njit
 
 from barn_sim.body.drive import turn_wheels
-from barn_sim.body.rigid_body import gyroscopic_change, move_body, rotate
-from barn_sim.body.tires import tire_forces
+from barn_sim.body.rigid_body import gyroscopic_change, move_body, rotate, tire_forces
 from barn_sim.body.vectors import rotation, vector
 from barn_sim.config import PHYSICS_VERSION, ObstacleConfig, SimulatorConfig, with_robot
 from barn_sim.contact.bullet import bullet

@@ -9,7 +9,7 @@ import onnx
 import torch
 
 from barn_eval.learning.config import EnvConfig
-from barn_planners.policy.onnx import METADATA_KEY, OnnxNetwork
+from barn_planners.policy.file import METADATA_KEY, OnnxNetwork
 from barn_worlds.base.config import as_dict
 
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from barn_eval.learning.config import EnvConfig
-from barn_eval.learning.vector import JackalVectorEnv
+from barn_eval.learning.environment import JackalVectorEnv
 from barn_planners.policy.file import Policy, write_policy
 from barn_worlds.base.errors import ConfigError
 from policy_training.curriculum import Curriculum, CurriculumConfig

@@ -34,7 +34,7 @@ from barn_eval.pages.figures import (
 from barn_metrics.bootstrap import number
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import BarnError
-from barn_worlds.base.text_files import make_json_safe
+from barn_worlds.base.files import make_json_safe
 from barn_worlds.drawing.palette import FAINT, INK, PLANNERS
 
 # By which side has failures among its trials of the world: (ours, published).

@@ -42,9 +42,8 @@ from barn_eval.results.run_file import RunFile
 from barn_eval.results.store import TrialRecord
 from barn_eval.results.tracks import parse_track_line, track_line
 from barn_eval.running.request import read_request
-from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.protocol import CHALLENGE, load_protocol
-from barn_eval.trials.result import from_json_line, to_json_line
+from barn_eval.trials.result import Outcome, Verdict, from_json_line, to_json_line
 from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfig
 from barn_eval.trials.trajectory import Trajectory
 from barn_eval.trials.trial import finish_trial
@@ -59,7 +58,7 @@ from barn_sim.body.model import description_text
 from barn_sim.config import SimulatorConfig, with_robot
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.base.text_files import read_lines
+from barn_worlds.base.files import read_lines
 from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.formats.dataset_file import write_dataset_file
 from barn_worlds.formats.map_server import extract_grid, read_map, write_map

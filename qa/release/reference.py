@@ -17,7 +17,7 @@ from typing import Any
 import yaml
 
 from barn_worlds.base.config import fields_of
-from barn_worlds.base.text_files import markdown_table
+from barn_worlds.base.files import markdown_table
 
 _NOTHING: Mapping[str, Any] = MappingProxyType({})
 SIMULATOR = "/**/simulator"

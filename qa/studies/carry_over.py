@@ -36,8 +36,7 @@ from barn_metrics.metrics import METRICS, world_metrics
 from barn_metrics.model import load_model
 from barn_worlds.base.arrays import Floats, Integers
 from barn_worlds.base.errors import BarnError, ConfigError
-from barn_worlds.base.files import write_bytes
-from barn_worlds.base.text_files import markdown_table
+from barn_worlds.base.files import markdown_table, write_bytes
 from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.drawing.palette import FAINT, PLANNERS
 

@@ -12,7 +12,7 @@ from typing import Any
 import click
 
 from barn_worlds.base.errors import BarnError
-from barn_worlds.base.text_files import read_json
+from barn_worlds.base.files import read_json
 from barn_worlds.datasets.generate_motion import build_arena
 from barn_worlds.formats.dataset_file import write_dataset_file
 from barn_worlds.moving.motion import Motion, MovingObstacle

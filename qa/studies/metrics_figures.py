@@ -21,7 +21,7 @@ from world_metrics import new_figure, save, show_cells, show_path, world_figure
 from barn_metrics.metrics import CORRECTED, METRIC_NAMES, METRICS, PUBLISHED, Formula
 from barn_metrics.report import TABLE_II, MetricsTable, metrics_table
 from barn_worlds.base.errors import BarnError
-from barn_worlds.base.text_files import markdown_table
+from barn_worlds.base.files import markdown_table
 from barn_worlds.datasets.dataset import Dataset, open_dataset
 from barn_worlds.datasets.generate import WorldParameters, automaton_grids
 from barn_worlds.drawing.palette import BLUE, ORANGE, VERMILION

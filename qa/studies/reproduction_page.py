@@ -13,7 +13,7 @@ from barn_eval.studies.reproduction.findings import SCHEMA_VERSION, Findings, Or
 from barn_eval.studies.reproduction.page import NAME, write_results
 from barn_worlds.base.config import from_dict
 from barn_worlds.base.errors import BarnError, ConfigError
-from barn_worlds.base.text_files import read_json
+from barn_worlds.base.files import read_json
 
 
 def read_results(folder: Path) -> tuple[Findings, Origin]:

@@ -14,7 +14,7 @@ from barn_eval.analysis.text_table import TextTable
 from barn_eval.trials.result import Rows, TrialResult
 from barn_worlds.base.config import Checked, from_dict, quantity
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.base.text_files import read_package_yaml
+from barn_worlds.base.files import read_package_yaml
 
 
 @dataclass(frozen=True)

@@ -49,7 +49,7 @@ from barn_eval.trials.spec import simulator_config
 from barn_sim.config import robot_of
 from barn_worlds.base.config import Checked, as_dict, fields_of
 from barn_worlds.base.errors import BarnError, ConfigError
-from barn_worlds.base.text_files import dump_yaml
+from barn_worlds.base.files import dump_yaml
 from barn_worlds.robots.files import ROBOTS
 
 Jobs = Sequence[Callable[[], Any]]

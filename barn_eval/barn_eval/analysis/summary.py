@@ -36,8 +36,7 @@ from barn_eval.analysis.verdict import (
     rank_results,
 )
 from barn_eval.results.row_table import column, take
-from barn_eval.trials.outcome import Outcome
-from barn_eval.trials.result import Rows
+from barn_eval.trials.result import Outcome, Rows
 from barn_metrics.bootstrap import Interval
 from barn_worlds.base.config import as_dict
 

@@ -27,8 +27,7 @@ from barn_eval.analysis.text_table import (
     one_line,
 )
 from barn_eval.analysis.verdict import warn_of_few_worlds
-from barn_eval.trials.outcome import Outcome
-from barn_eval.trials.result import Rows
+from barn_eval.trials.result import Outcome, Rows
 from barn_metrics.bootstrap import number
 
 FEWEST_WORLDS = 6

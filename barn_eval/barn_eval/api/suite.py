@@ -22,7 +22,7 @@ from barn_eval.trials.ros_config import RosConfig
 from barn_eval.trials.run_config import ExecutionConfig
 from barn_planners.registry import planner_names
 from barn_worlds.base.config import replace_dotted
-from barn_worlds.base.text_files import read_package_yaml
+from barn_worlds.base.files import read_package_yaml
 from barn_worlds.datasets.dataset import dataset_files
 
 __all__ = ["BenchSetup", "bench", "info", "reproduce", "reproduce_physical"]

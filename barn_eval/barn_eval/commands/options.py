@@ -19,7 +19,7 @@ from barn_eval.trials.protocol import PROTOCOLS
 from barn_planners.registry import planner_names
 from barn_worlds.base.config import fields_of
 from barn_worlds.base.errors import ConfigError, format_value
-from barn_worlds.base.text_files import make_json_safe
+from barn_worlds.base.files import make_json_safe
 from barn_worlds.datasets.dataset import dataset_files
 from barn_worlds.robots.files import ROBOTS
 

@@ -15,11 +15,10 @@ from typing import TypeAlias
 import numpy as np
 
 from barn_eval.learning.config import STRAIGHT, RewardConfig
-from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.protocol import Course
+from barn_eval.trials.result import Outcome, Verdict
 from barn_planners.policy.space import Vector
-from barn_worlds.base.arrays import Floats, Integers, side_lengths
-from barn_worlds.base.kernel import kernel
+from barn_worlds.base.arrays import Floats, Integers, kernel, side_lengths
 from barn_worlds.datasets.dataset import MAX_CACHED_WORLDS
 from barn_worlds.worlds.world import World
 

@@ -26,7 +26,7 @@ from matplotlib.lines import Line2D
 from matplotlib.style import context
 
 from barn_eval.pages.template import themed
-from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.result import Outcome
 from barn_metrics.bootstrap import Interval
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import ConfigError

@@ -13,8 +13,7 @@ from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.text_table import count_noun, latex_text, one_line
 from barn_metrics.bootstrap import number
 from barn_worlds.base.errors import ConfigError, convert_os_errors
-from barn_worlds.base.files import write_durably
-from barn_worlds.base.text_files import make_json_safe
+from barn_worlds.base.files import make_json_safe, write_durably
 from barn_worlds.drawing.palette import MOVER, ON_DARK, PAGE
 
 # Characters that could end a script element or a line of JavaScript inside JSON.

@@ -45,8 +45,7 @@ from barn_eval.results.rows import (
 )
 from barn_eval.results.run_file import RUN_FILE, WORLDS, WORLDS_MANIFEST, RunFile
 from barn_eval.results.store import LOGS, TrialRecord
-from barn_eval.trials.outcome import ENVIRONMENT, SIMULATOR
-from barn_eval.trials.result import Rows, TrialResult
+from barn_eval.trials.result import ENVIRONMENT, SIMULATOR, Rows, TrialResult
 from barn_eval.trials.run_config import UNKNOWN_SOURCE, ExecutionConfig, RunConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_worlds.base.errors import ConfigError, StoreError, convert_os_errors

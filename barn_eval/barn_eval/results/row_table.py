@@ -13,8 +13,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.json
 
-from barn_eval.trials.outcome import Outcome
-from barn_eval.trials.result import SCHEMA_VERSION, Rows, TrialResult
+from barn_eval.trials.result import SCHEMA_VERSION, Outcome, Rows, TrialResult
 from barn_worlds.base.arrays import Bools, Integers
 from barn_worlds.base.config import as_dict
 

@@ -38,11 +38,13 @@ from barn_eval.trials.system import ObservedTrial
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError, StoreError, convert_os_errors
 from barn_worlds.base.files import (
+    as_mapping,
     open_regular,
+    parse_json,
+    read_lines,
     write_durably,
     write_parts_durably,
 )
-from barn_worlds.base.text_files import as_mapping, parse_json, read_lines
 
 ROWS_FILE = "results.jsonl"
 TRACKS_FILE = "tracks.jsonl"

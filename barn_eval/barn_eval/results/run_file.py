@@ -18,8 +18,7 @@ from barn_eval.trials.spec import TrialSpec
 from barn_sim.config import chassis_in
 from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.errors import ConfigError, format_value
-from barn_worlds.base.files import write_durably
-from barn_worlds.base.text_files import as_mapping, read_json
+from barn_worlds.base.files import as_mapping, read_json, write_durably
 
 # Describes a submission; an unpacked one has commands in place of bags.
 SUBMISSION_FILE = "submission.json"

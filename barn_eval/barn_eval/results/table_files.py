@@ -8,8 +8,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from barn_eval.trials.outcome import Outcome, Scores
-from barn_eval.trials.result import TrialResult, format_trial_id
+from barn_eval.trials.result import Outcome, Scores, TrialResult, format_trial_id
 from barn_eval.trials.system import NO_CONTACT, ObservedTrial, System
 from barn_eval.trials.trajectory import Measures
 from barn_worlds.base.errors import ConfigError, format_value, suggest

@@ -21,7 +21,7 @@ from barn_eval.trials.trajectory import Trajectory
 from barn_eval.trials.trial import FinishedTrial
 from barn_worlds.base.arrays import Bools, Floats
 from barn_worlds.base.errors import ConfigError, format_value
-from barn_worlds.base.text_files import as_mapping, parse_json
+from barn_worlds.base.files import as_mapping, parse_json
 from barn_worlds.base.types import NANOSECONDS_PER_SECOND
 
 # Names of JavaScript's typed arrays by NumPy's kinds: pages unpack the same data.

@@ -33,15 +33,18 @@ from barn_eval.ros.trial import MUTUAL_WAITS, RosTrial, RunContext
 from barn_eval.running.pool import now_text
 from barn_eval.running.reporting import Reporter, RunProgress
 from barn_eval.running.run import describe_unscored
-from barn_eval.trials.outcome import (
+from barn_eval.trials.protocol import load_protocol
+from barn_eval.trials.result import (
     ENVIRONMENT,
     PLANNER,
     SIMULATOR,
     Outcome,
+    Rows,
     Verdict,
+    WallClock,
+    exit_code,
+    to_json_line,
 )
-from barn_eval.trials.protocol import load_protocol
-from barn_eval.trials.result import Rows, WallClock, exit_code, to_json_line
 from barn_eval.trials.ros_config import EvaluatorConfig, RosConfig
 from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfig
 from barn_eval.trials.spec import TrialSpec, simulator_config
@@ -50,7 +53,7 @@ from barn_eval.trials.system_file import read_system
 from barn_eval.trials.trial import finish_trial
 from barn_worlds.base.config import from_dict
 from barn_worlds.base.errors import BarnError, ExitCode
-from barn_worlds.base.text_files import read_json
+from barn_worlds.base.files import read_json
 from barn_worlds.base.types import nanoseconds, seconds
 from barn_worlds.robots.files import load_robot
 from barn_worlds.ros.parameters import declare_parameters

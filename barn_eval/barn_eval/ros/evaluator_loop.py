@@ -8,7 +8,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 
 from barn_eval.ros.supervision.process import EventChannel
-from barn_eval.trials.outcome import PLANNER, SIMULATOR, Outcome
+from barn_eval.trials.result import PLANNER, SIMULATOR, Outcome
 
 T = TypeVar("T")
 

@@ -12,7 +12,7 @@ from rclpy.task import Future
 from barn_eval.ros.evaluator_loop import EvaluatorLoop, PlannerNotReady, TrialEnded
 from barn_eval.ros.graph import GraphView
 from barn_eval.ros.readiness import Endpoint
-from barn_eval.trials.outcome import PLANNER
+from barn_eval.trials.result import PLANNER
 from barn_eval.trials.ros_config import EvaluatorConfig
 from barn_eval.trials.trial import MAX_TEXT_LENGTH
 from barn_worlds.base.errors import ConfigError

@@ -12,7 +12,7 @@ from barn_eval.ros.adapter import TrialTopics
 from barn_eval.ros.evaluator_loop import EvaluatorLoop, TrialEnded
 from barn_eval.ros.readiness import PARTICIPANT_BYTES, Endpoint, Graph
 from barn_eval.ros.simulator import SimulatorChannel
-from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.result import Outcome
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.ros.topics import read_endpoint_identity
 

@@ -22,7 +22,7 @@ from barn_eval.ros.evaluator_loop import EvaluatorLoop, TrialEnded
 from barn_eval.ros.remote_node import RemoteNode, ServiceRefused, ServiceTimeout
 from barn_eval.ros.sequencer import Message
 from barn_eval.ros.subscriber import Subscriber, TrialQueue
-from barn_eval.trials.outcome import SIMULATOR, Outcome
+from barn_eval.trials.result import SIMULATOR, Outcome
 from barn_eval.trials.ros_config import EvaluatorConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.system import OPERATOR

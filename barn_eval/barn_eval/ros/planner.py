@@ -16,7 +16,7 @@ from barn_eval.ros.remote_node import (
     ServiceTimeout,
 )
 from barn_eval.ros.supervision.nodes import discovery_range
-from barn_eval.trials.outcome import PLANNER, Outcome
+from barn_eval.trials.result import PLANNER, Outcome
 from barn_eval.trials.ros_config import EvaluatorConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_worlds.base.errors import BarnError

@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.result import Outcome
 from barn_eval.trials.ros_config import WaitLimits
 from barn_worlds.messages.topics import CMD_VEL, CMD_VEL_STAMPED, GOAL_POSE
 

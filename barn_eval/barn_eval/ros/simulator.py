@@ -18,7 +18,7 @@ from barn_eval.ros.remote_node import (
     ServiceTimeout,
 )
 from barn_eval.ros.sequencer import Message
-from barn_eval.trials.outcome import PLANNER, SIMULATOR, Outcome
+from barn_eval.trials.result import PLANNER, SIMULATOR, Outcome
 from barn_eval.trials.ros_config import EvaluatorConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_worlds.base.config import fields_of

@@ -20,7 +20,7 @@ from barn_eval.ros.adapter import TrialTopics
 from barn_eval.ros.evaluator_loop import TrialEnded
 from barn_eval.ros.sequencer import Message, Tick, TickSequencer
 from barn_eval.ros.simulator import SimulatorChannel
-from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.result import Outcome
 from barn_worlds.base.errors import MessageError
 from barn_worlds.base.types import seconds
 from barn_worlds.messages import decode

@@ -8,8 +8,7 @@ from pathlib import Path
 from barn_eval.running.planner_packages import find_packaged
 from barn_eval.trials.identity import flatten
 from barn_worlds.base.errors import ConfigError, convert_os_errors, format_value
-from barn_worlds.base.files import write_durably
-from barn_worlds.base.text_files import parse_json, read_json
+from barn_worlds.base.files import parse_json, read_json, write_durably
 
 # Files of parameters, launch, code and weights.
 _SUFFIXES = frozenset(

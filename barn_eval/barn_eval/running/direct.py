@@ -14,8 +14,7 @@ import numpy as np
 from barn_eval.results.bags.messages import TrialBag
 from barn_eval.results.bags.recorder import Recorder
 from barn_eval.results.store import finish_bag
-from barn_eval.trials.outcome import Outcome, Verdict
-from barn_eval.trials.result import MEASURED, WallClock, pack_delays
+from barn_eval.trials.result import MEASURED, Outcome, Verdict, WallClock, pack_delays
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trial import (
     FinishedTrial,

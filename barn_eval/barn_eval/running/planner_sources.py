@@ -12,7 +12,7 @@ from pathlib import Path
 
 from barn_eval.running.planner_choices import split_command
 from barn_eval.running.planner_packages import find_module, find_packaged
-from barn_worlds.base.text_files import read_json
+from barn_worlds.base.files import read_json
 
 _SUPPLIERS = read_json(Path(__file__).parents[1] / "data" / "modules.json")
 _GOAL_PARAMETER = re.compile(

@@ -24,8 +24,7 @@ from rich.table import Column, Table
 
 from barn_eval.running.pool import Notice
 from barn_eval.running.runner import Event, TrialLoss
-from barn_eval.trials.outcome import Outcome
-from barn_eval.trials.result import TrialResult
+from barn_eval.trials.result import Outcome, TrialResult
 
 logger = logging.getLogger(__name__)
 

@@ -37,7 +37,7 @@ from barn_worlds.base.config import (
     replace_dotted,
 )
 from barn_worlds.base.errors import ConfigError, format_value, suggest
-from barn_worlds.base.text_files import parse_yaml, read_yaml
+from barn_worlds.base.files import parse_yaml, read_yaml
 from barn_worlds.datasets.dataset import Dataset, open_dataset
 from barn_worlds.robots.files import load_robot
 from barn_worlds.robots.robot import Robot

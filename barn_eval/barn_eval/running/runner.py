@@ -18,8 +18,7 @@ from barn_eval.running.pool import (
     Work,
     WorkerPool,
 )
-from barn_eval.trials.outcome import Outcome, Verdict
-from barn_eval.trials.result import TrialResult, WallClock
+from barn_eval.trials.result import Outcome, TrialResult, Verdict, WallClock
 from barn_eval.trials.run_config import ExecutionConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import TrajectoryLog

@@ -8,14 +8,13 @@ import numpy as np
 
 from barn_eval.results.bags.observed import ObservedDrive
 from barn_eval.results.run_file import WORLDS
-from barn_eval.trials.outcome import Outcome
-from barn_eval.trials.result import format_trial_id
+from barn_eval.trials.result import Outcome, format_trial_id
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.system import ObservedTrial
 from barn_eval.trials.trial import FinishedTrial, RunningTrial, finish_trial
 from barn_worlds.base.arrays import Floats, side_lengths
 from barn_worlds.base.errors import BagError
-from barn_worlds.base.text_files import as_mapping
+from barn_worlds.base.files import as_mapping
 from barn_worlds.base.types import (
     NANOSECONDS_PER_SECOND,
     ORIGIN,

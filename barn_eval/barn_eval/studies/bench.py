@@ -34,7 +34,7 @@ from barn_sim.simulator import Simulator
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.config import Checked, from_dict, quantity, replace_dotted
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.base.text_files import read_json
+from barn_worlds.base.files import read_json
 from barn_worlds.base.types import Velocity2D
 from barn_worlds.datasets.dataset import open_dataset
 
@@ -248,8 +248,10 @@ def _drive_in_circle(simulator: Simulator) -> None:
 def _measure_environments(dataset: str) -> Iterator[Measurement]:
     """Measure the learning environment and a batch, new episodes included."""
     # These need Gymnasium, which is optional.
-    from barn_eval.learning.environment import JackalEnv  # noqa: PLC0415
-    from barn_eval.learning.vector import JackalVectorEnv  # noqa: PLC0415
+    from barn_eval.learning.environment import (  # noqa: PLC0415
+        JackalEnv,
+        JackalVectorEnv,
+    )
 
     generator = np.random.default_rng(0)
     actions = generator.uniform(-1.0, 1.0, (_ENVIRONMENT_STEPS, _BATCH, 2))

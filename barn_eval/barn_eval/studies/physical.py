@@ -38,8 +38,7 @@ from barn_metrics.model import load_model
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError, WorldError
-from barn_worlds.base.files import write_durably
-from barn_worlds.base.text_files import make_json_safe, read_package_yaml
+from barn_worlds.base.files import make_json_safe, read_package_yaml, write_durably
 from barn_worlds.drawing.palette import INK
 from barn_worlds.worlds.world import World
 

@@ -27,18 +27,16 @@ from barn_eval.analysis.verdict import conclude_comparison
 from barn_eval.pages.figures import new_figure, style, write_figure
 from barn_eval.results.folder import order_worlds_fairly
 from barn_eval.ros.work import require_ros, work_of
-from barn_eval.running.parameter_files import read_parameters
 from barn_eval.running.pool import WorkerPool
 from barn_eval.running.reporting import Reporter
 from barn_eval.running.request import SCHEMA_VERSION, read_request
 from barn_eval.running.run import Run, make_shared_pool, open_run
-from barn_eval.running.settings import Setting, make_setting
+from barn_eval.running.settings import Setting, make_setting, read_parameters
 from barn_eval.trials import identity
 from barn_planners.registry import planner_config
 from barn_worlds.base.config import as_dict, fields_of
 from barn_worlds.base.errors import ConfigError, format_value, suggest
-from barn_worlds.base.files import write_bytes
-from barn_worlds.base.text_files import dump_yaml, read_yaml
+from barn_worlds.base.files import dump_yaml, read_yaml, write_bytes
 from barn_worlds.datasets.dataset import select_worlds
 
 Range = CategoricalDistribution | IntDistribution | FloatDistribution

@@ -13,7 +13,7 @@ from barn_eval.trials.system import SUITE, System
 from barn_sim.body.model import description_text
 from barn_sim.config import PHYSICS_VERSION, SimulatorConfig
 from barn_worlds.base.config import as_dict
-from barn_worlds.base.text_files import as_mapping
+from barn_worlds.base.files import as_mapping
 from barn_worlds.robots.files import ROBOTS, STANDARD_ROBOT
 from barn_worlds.robots.robot import Chassis
 

@@ -28,7 +28,7 @@ from barn_worlds.base.config import (
     replace_dotted,
 )
 from barn_worlds.base.errors import ConfigError, format_value, suggest
-from barn_worlds.base.text_files import read_yaml
+from barn_worlds.base.files import read_yaml
 from barn_worlds.base.types import Pose2D
 from barn_worlds.robots.files import name_unless_standard
 from barn_worlds.robots.robot import Chassis

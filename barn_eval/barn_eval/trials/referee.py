@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from barn_eval.trials import rules
-from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.protocol import Course, Protocol
+from barn_eval.trials.result import Outcome, Verdict
 from barn_worlds.base.types import Pose2D, Velocity2D, seconds
 
 # Relative, of a command: it may have been a number of 32 bits.

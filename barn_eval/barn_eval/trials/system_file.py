@@ -6,7 +6,7 @@ from pathlib import Path
 
 from barn_eval.trials.system import NO_CONTACT, OPERATOR, System
 from barn_worlds.base.config import as_dict, from_dict, quantity
-from barn_worlds.base.text_files import read_yaml
+from barn_worlds.base.files import read_yaml
 
 SCHEMA_VERSION = 1
 INTERFACES = "simulation_interfaces"  # ROS's standard services of simulators

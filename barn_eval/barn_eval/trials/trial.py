@@ -14,9 +14,8 @@ from types import FrameType
 from typing import Any, TypeVar
 
 from barn_eval.trials.encounters import measure_encounters
-from barn_eval.trials.outcome import Outcome, Scores, Verdict, score_trial
 from barn_eval.trials.referee import Referee
-from barn_eval.trials.result import TrialResult
+from barn_eval.trials.result import Outcome, Scores, TrialResult, Verdict, score_trial
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import Trajectory, TrajectoryLog, measure_trajectory
 from barn_planners.interface import PlannerStatus

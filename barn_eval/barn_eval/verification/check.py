@@ -43,8 +43,7 @@ from barn_eval.trials.run_config import ExecutionConfig, RunConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.verification.rerun import CheckWork, TrialCheck, TrialEvidence
 from barn_worlds.base.errors import BarnError, ConfigError, format_error, format_value
-from barn_worlds.base.files import read_at_most
-from barn_worlds.base.text_files import read_lines
+from barn_worlds.base.files import read_at_most, read_lines
 
 T = TypeVar("T")
 _LARGEST_TABLE_BYTES = 1 << 28

@@ -10,8 +10,15 @@ import numpy as np
 
 from barn_eval.results.tracks import CHANNELS, PERIOD_S, Track
 from barn_eval.trials.identity import first_difference, flatten
-from barn_eval.trials.outcome import ENVIRONMENT, PLANNER, SIMULATOR, Outcome, Verdict
-from barn_eval.trials.result import SCHEMA_VERSION, TrialResult
+from barn_eval.trials.result import (
+    ENVIRONMENT,
+    PLANNER,
+    SCHEMA_VERSION,
+    SIMULATOR,
+    Outcome,
+    TrialResult,
+    Verdict,
+)
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import NEAR_CONTACT_M, Trajectory, TrajectoryLog
 from barn_eval.trials.trial import finish_trial

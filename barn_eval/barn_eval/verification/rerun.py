@@ -20,10 +20,10 @@ from barn_eval.results.commands import (
 from barn_eval.results.tracks import Track, make_track
 from barn_eval.running.direct import run_direct_trial
 from barn_eval.running.pool import Emit, Work
-from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import (
     REAL_TIME,
     SCHEMA_VERSION,
+    Outcome,
     TrialResult,
     unpack_delays,
 )

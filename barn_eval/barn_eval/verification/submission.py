@@ -42,12 +42,13 @@ from barn_eval.verification.rerun import drive_by_planner
 from barn_worlds.base.errors import ConfigError, FindingError, format_value
 from barn_worlds.base.files import (
     ZIP_ERRORS,
+    as_mapping,
     open_regular,
     pack_zip,
+    parse_json,
     read_bytes,
     write_durably,
 )
-from barn_worlds.base.text_files import as_mapping, parse_json
 from barn_worlds.datasets.dataset import dataset_files
 
 SCHEMA_VERSION = 1

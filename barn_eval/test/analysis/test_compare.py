@@ -24,15 +24,14 @@ from barn_eval.results.rows import RowFile
 from barn_eval.results.run_file import RunFile
 from barn_eval.running.command_files import write_node_parameters
 from barn_eval.trials.encounters import Encounters
-from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import PAPER_2020
-from barn_eval.trials.result import WallClock, format_trial_id
+from barn_eval.trials.result import Outcome, WallClock, format_trial_id
 from barn_eval.trials.run_config import PlannerChoice, RunConfig
 from barn_eval.trials.spec import simulator_config
 from barn_planners.registry import planner_config
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import BarnError
-from barn_worlds.base.text_files import make_json_safe
+from barn_worlds.base.files import make_json_safe
 
 
 def results(planner="dwa", slower_s=0.0, worlds=20, seed=0):

@@ -28,7 +28,7 @@ from barn_eval.running.planner_objects import (
 )
 from barn_eval.running.request import read_request
 from barn_eval.running.runner import RunError
-from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.result import Outcome
 from barn_eval.verification.check import check_folder
 from barn_planners.interface import Task
 from barn_worlds.base.errors import BarnError

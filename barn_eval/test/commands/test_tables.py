@@ -40,7 +40,7 @@ from barn_eval.running.reporting import (
     format_duration,
 )
 from barn_eval.running.runner import TrialLoss
-from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.result import Outcome
 
 WIDTHS = (60, 80, 120)
 

@@ -34,13 +34,18 @@ from barn_eval.learning.reward import (  # noqa: E402
     reward_weights,
 )
 from barn_eval.running.direct import run_direct_trial  # noqa: E402
-from barn_eval.trials.outcome import Outcome, Verdict  # noqa: E402
 from barn_eval.trials.protocol import CHALLENGE, KNOWN_MAP, PAPER_2020  # noqa: E402
+from barn_eval.trials.result import Outcome, Verdict  # noqa: E402
 from barn_eval.trials.run_config import PlannerChoice, RunConfig  # noqa: E402
 from barn_eval.trials.spec import simulator_config  # noqa: E402
 from barn_planners.policy.collision_check import CollisionCheckConfig  # noqa: E402
-from barn_planners.policy.file import Policy, PolicyNetwork, write_policy  # noqa: E402
-from barn_planners.policy.onnx import METADATA_KEY, load_network  # noqa: E402
+from barn_planners.policy.file import (  # noqa: E402  # noqa: E402
+    METADATA_KEY,
+    Policy,
+    PolicyNetwork,
+    load_network,
+    write_policy,
+)
 from barn_planners.policy.space import PolicyAction, PolicyObservation  # noqa: E402
 from barn_worlds.base.config import as_dict  # noqa: E402
 from barn_worlds.base.errors import BarnError  # noqa: E402

@@ -11,8 +11,8 @@ import pytest
 import yaml
 from planners import recorded, spec_of
 
-from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import DYNABARN, PAPER_2020
+from barn_eval.trials.result import Outcome
 from barn_worlds.messages.cdr import jazzy_types
 from barn_worlds.messages.topics import CMD_VEL_STAMPED, GROUND_TRUTH, WORLD_PATH
 

@@ -251,7 +251,7 @@ def test_a_resumed_run_reads_each_file_once_at_its_start_and_end(tmp_path, monke
         opened[path.name] += 1
         return open_regular(path)
 
-    for module in ("barn_worlds.base.text_files", "barn_eval.results.rows"):
+    for module in ("barn_worlds.base.files", "barn_eval.results.rows"):
         monkeypatch.setattr(f"{module}.open_regular", counting)
     keep(tmp_path, GAP, 2)
     # A kill left a track and commands without a row.

@@ -11,9 +11,9 @@ from barn_eval.results import row_table
 from barn_eval.results.row_table import RowTable, column, join, parse_rows, take
 from barn_eval.results.rows import RowFile
 from barn_eval.trials.encounters import Encounters
-from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import (
     SCHEMA_VERSION,
+    Outcome,
     WallClock,
     from_json_line,
     to_json_line,

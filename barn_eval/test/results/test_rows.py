@@ -17,8 +17,9 @@ from waiting import until
 
 from barn_eval.results.rows import RowFile, seal_line
 from barn_eval.trials.encounters import Encounters
-from barn_eval.trials.outcome import Outcome, Scores
 from barn_eval.trials.result import (
+    Outcome,
+    Scores,
     TrialResult,
     format_trial_id,
     from_json_line,

@@ -15,8 +15,8 @@ from barn_eval.ros.adapter import (
     share_of_missed,
 )
 from barn_eval.ros.sequencer import Message, Tick
-from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE, PoseRule
+from barn_eval.trials.result import Outcome
 from barn_eval.trials.trial import RunningTrial
 from barn_worlds.base.types import Odometry, Pose2D, Velocity2D
 from barn_worlds.messages.encode import (

@@ -12,7 +12,7 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 from barn_eval.ros.adapter import TrialTopics
 from barn_eval.ros.evaluator_loop import TrialEnded
 from barn_eval.ros.graph import LEASE_S, Integrity
-from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.result import Outcome
 
 SIMULATOR = b"simulator..."
 PLANNER = b"planner....."

@@ -25,7 +25,7 @@ from ros_runs import (
 from waiting import until
 
 from barn_eval.ros.supervision.process import ProcessError
-from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.result import Outcome
 from barn_worlds.ros.domain import reserve_domain
 
 

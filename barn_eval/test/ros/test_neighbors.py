@@ -21,8 +21,8 @@ from waiting import run_python
 from barn_eval.results.bags.bagfile import BagFile
 from barn_eval.results.folder import read_results
 from barn_eval.ros.supervision.process import ProcessError
-from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import PAPER_2020
+from barn_eval.trials.result import Outcome
 from barn_worlds.base.errors import ExitCode
 from barn_worlds.ros.domain import reserve_domain
 

@@ -17,8 +17,8 @@ from barn_eval.results.bags.bagfile import BagFile
 from barn_eval.results.rows import RowFile
 from barn_eval.ros.observed import load_interfaces
 from barn_eval.ros.simulator import SimulatorClient
-from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE
+from barn_eval.trials.result import Outcome
 from barn_eval.trials.ros_config import EvaluatorConfig
 from barn_eval.trials.system_file import SystemFile, read_system
 from barn_eval.verification.check import check_folder

@@ -14,7 +14,7 @@ from barn_eval.ros.readiness import (
     Watchdog,
     inspect,
 )
-from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.result import Outcome
 from barn_eval.trials.ros_config import WaitLimits
 
 SCAN = "sensor_msgs/msg/LaserScan"

@@ -31,8 +31,8 @@ from barn_eval.results.folder import read_results
 from barn_eval.ros.supervision import start
 from barn_eval.ros.supervision.process import SupervisedProcess
 from barn_eval.running.runner import RunError
-from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE, DYNABARN, PAPER_2020
+from barn_eval.trials.result import Outcome
 from barn_eval.trials.run_config import RunConfig
 from barn_eval.trials.spec import simulator_config
 from barn_worlds.base.types import Pose2D

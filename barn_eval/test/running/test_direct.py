@@ -30,9 +30,8 @@ from barn_eval.running.direct import run_direct_trial
 from barn_eval.running.planner_objects import PlannerObject
 from barn_eval.running.pool import DirectWork, Job, run_job
 from barn_eval.trials import trial
-from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE, PAPER_2020
-from barn_eval.trials.result import from_json_line, to_json_line
+from barn_eval.trials.result import Outcome, from_json_line, to_json_line
 from barn_eval.trials.spec import simulator_config
 from barn_worlds.messages.cdr import deserialize, serialize
 

@@ -18,8 +18,8 @@ from refusals import refused
 
 from barn_eval.results.folder import read_results
 from barn_eval.running.judge import JudgeOptions, judge
-from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE
+from barn_eval.trials.result import Outcome
 from barn_eval.verification.check import check_folder
 from barn_worlds.base.errors import BagError, ConfigError
 

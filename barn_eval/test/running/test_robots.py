@@ -212,7 +212,7 @@ def test_environments_have_the_robot(husky_worlds):
 
 def test_batched_environments_have_cells_of_one_size(husky_worlds, tmp_path):
     pytest.importorskip("gymnasium", reason="the environment is one of Gymnasium")
-    from barn_eval.learning.vector import JackalVectorEnv  # noqa: PLC0415
+    from barn_eval.learning.environment import JackalVectorEnv  # noqa: PLC0415
 
     sized = open_dataset(husky_worlds).load(0)
     write_dataset_file(

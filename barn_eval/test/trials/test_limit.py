@@ -11,8 +11,8 @@ from refusals import refused
 
 from barn_eval.running.direct import run_direct_trial
 from barn_eval.running.request import read_request
-from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE, DYNABARN, PAPER_2020
+from barn_eval.trials.result import Outcome
 from barn_eval.trials.run_config import PlannerChoice, RunConfig
 from barn_eval.trials.spec import WHEEL_SLIP
 from barn_planners.interface import Decision

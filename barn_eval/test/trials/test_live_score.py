@@ -12,8 +12,8 @@ from barn_eval.results.bags.messages import (
     ScoreReporter,
     running_score,
 )
-from barn_eval.trials.outcome import Outcome, score_trial
 from barn_eval.trials.referee import Referee, Standing
+from barn_eval.trials.result import Outcome, score_trial
 from barn_worlds.base.types import Pose2D, nanoseconds
 from barn_worlds.messages.cdr import deserialize
 

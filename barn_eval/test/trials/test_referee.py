@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from barn_eval.trials import rules
-from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.protocol import CHALLENGE, PAPER_2020, Course
 from barn_eval.trials.referee import Referee, Standing
+from barn_eval.trials.result import Outcome, Verdict
 from barn_worlds.base.types import Pose2D, Velocity2D
 
 COURSE = Course(

@@ -15,7 +15,7 @@ from barn_eval.analysis.leaderboard import make_boards
 from barn_eval.results.folder import read_results
 from barn_eval.results.rows import results_table, write_tables
 from barn_eval.results.run_file import RunFile
-from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.result import Outcome
 from barn_eval.trials.run_config import PlannerChoice, RunConfig
 from barn_eval.trials.system import ObservedTrial, System
 from barn_eval.trials.trajectory import TrajectoryLog

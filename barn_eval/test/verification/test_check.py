@@ -21,8 +21,8 @@ from barn_eval.results.commands import parse_commands_line
 from barn_eval.results.rows import COMMANDS_FILE, seal_line, unseal_line
 from barn_eval.results.tracks import pack_arrays
 from barn_eval.trials import spec
-from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE
+from barn_eval.trials.result import Outcome
 from barn_eval.verification.plausibility import find_difference
 from barn_worlds.messages import decode
 from barn_worlds.messages.encode import OdometryEncoder

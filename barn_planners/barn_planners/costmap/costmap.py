@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from barn_planners.costmap import inflation, marks, obstacle_layer
+from barn_planners.costmap import inflation, kernels, obstacle_layer
 from barn_planners.costmap.config import (
     LARGEST_SIDE_M,
     MAX_CELLS,
@@ -53,7 +53,7 @@ class BeamDirections:
         if key != self._key:
             if len(self._directions) != beams:
                 self._directions = np.empty((beams, 2))
-            marks.point_beams(
+            kernels.point_beams(
                 self._directions, yaw, scan.angle_min, scan.angle_increment
             )
             self._key = key
@@ -140,7 +140,7 @@ class Costmap:
 
         # costmap_2d turns points instead of beams.
         yaw = 0.0 if config.as_costmap_2d else sensor.yaw
-        readings = marks.Readings(
+        readings = kernels.Readings(
             self.beams.at(yaw, scan),
             scan.ranges,
             scan.shortest_return_m,
@@ -148,7 +148,7 @@ class Costmap:
             config.raytrace_range_m,
             config.obstacle_range_m,
         )
-        observe = obstacle_layer.observe if config.as_costmap_2d else marks.observe
+        observe = obstacle_layer.observe if config.as_costmap_2d else kernels.observe
         observe(
             self._layers.marks,
             self.grid,
@@ -183,7 +183,7 @@ class Costmap:
 
     def _clear_outside(self, window: Window) -> None:
         """Clear the lidar's marks outside a window of cells, and update costs."""
-        marks.clear_outside(self._layers.marks, window)
+        kernels.clear_outside(self._layers.marks, window)
         inflation.refresh(self._layers, self.config.inflates_by_front)
 
     def cell(self, x: float, y: float) -> tuple[int, int]:
@@ -342,7 +342,7 @@ class MapCostmap(Costmap):
             # Unknown cells (-1) are free, as in costmap_2d without track_unknown_space.
             occupied = occupancy.data >= _OCCUPIED_PERCENT
             occupied = occupied.repeat(factor, axis=0).repeat(factor, axis=1)
-            self._layers.marks.cells[occupied] = marks.STATIC
+            self._layers.marks.cells[occupied] = kernels.STATIC
             self._layers.marks.bounds[:] = (0, rows, 0, cols)
             inflation.refresh(self._layers, config.inflates_by_front)
 

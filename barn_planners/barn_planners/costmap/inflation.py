@@ -15,13 +15,12 @@ from barn_planners.costmap.kernels import (
     INSCRIBED,
     LETHAL,
     Cell,
+    Marks,
     Window,
     grow_window,
     is_on_grid,
 )
-from barn_planners.costmap.marks import Marks
-from barn_worlds.base.arrays import Bytes, Integers, MediumIntegers
-from barn_worlds.base.kernel import kernel
+from barn_worlds.base.arrays import Bytes, Integers, MediumIntegers, kernel
 
 _MAX_BOXES = 32
 _BAND_ROWS = 64  # so many rows fit into the processor's cache

@@ -12,20 +12,17 @@ import numpy as np
 from barn_planners.costmap.kernels import (
     Cell,
     Grid,
-    Pose,
-    cell_at,
-    is_on_grid,
-    outline_cells,
-)
-from barn_planners.costmap.marks import (
     Marks,
+    Pose,
     Readings,
+    cell_at,
     clear_cell,
     clear_line,
+    is_on_grid,
     mark_cell,
+    outline_cells,
 )
-from barn_worlds.base.arrays import Points, Singles
-from barn_worlds.base.kernel import kernel
+from barn_worlds.base.arrays import Points, Singles, kernel
 
 _INSIDE_M = 0.001  # how far inside the upper edges a ray ends that leads beyond
 

@@ -23,27 +23,24 @@ from barn_planners.dwa.kernels import (
     SPEED,
     TOUCHES,
     TURN,
+    UNREACHED,
     YAW,
     Ground,
     Raster,
     Rules,
+    Wavefront,
     X,
     Y,
     approach,
     edges_cost,
+    is_bordered,
+    padded,
     raster_cell,
     roll_out,
     step_count,
-)
-from barn_planners.dwa.wavefront import (
-    UNREACHED,
-    Wavefront,
-    is_bordered,
-    padded,
     steps_to,
 )
-from barn_worlds.base.arrays import Floats
-from barn_worlds.base.kernel import kernel
+from barn_worlds.base.arrays import Floats, kernel
 
 _STRIDE = 6  # poses between two of those that are checked first
 _ROUNDING = 1e-6

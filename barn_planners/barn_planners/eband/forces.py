@@ -26,8 +26,7 @@ from barn_planners.eband.kernels import (
     refine,
     wrap,
 )
-from barn_worlds.base.arrays import Floats
-from barn_worlds.base.kernel import kernel
+from barn_worlds.base.arrays import Floats, kernel
 
 # Below this the direction of a neighbor is rounding.
 _CLOSE_M = 0.01

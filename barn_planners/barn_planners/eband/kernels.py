@@ -11,8 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from barn_planners.costmap.kernels import Grid, Pose, cell_at, is_on_grid
-from barn_worlds.base.arrays import Bytes, Floats, Integers
-from barn_worlds.base.kernel import kernel
+from barn_worlds.base.arrays import Bytes, Floats, Integers, kernel
 
 # Kernels cannot raise texts cheaply, so failures are negative lengths.
 IN_COLLISION = -1

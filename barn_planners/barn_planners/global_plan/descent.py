@@ -14,8 +14,7 @@ from barn_planners.global_plan.kernels import (
     Ends,
     Potential,
 )
-from barn_worlds.base.arrays import Floats, Singles
-from barn_worlds.base.kernel import kernel
+from barn_worlds.base.arrays import Floats, Singles, kernel
 
 # Range of the int in which the original keeps potentials that it compares.
 _LARGEST_INTEGER = 2.0**31

@@ -13,8 +13,7 @@ import numpy.typing as npt
 from numba import njit
 
 from barn_planners.costmap.kernels import Grid
-from barn_worlds.base.arrays import Bytes, Floats, Integers, MediumIntegers
-from barn_worlds.base.kernel import kernel
+from barn_worlds.base.arrays import Bytes, Floats, Integers, MediumIntegers, kernel
 
 UNREACHED = 1.0e10
 BLOCKED_PRICE = 254.0  # navfn's COST_OBS, one above the highest price

@@ -11,8 +11,7 @@ import numpy as np
 
 from barn_planners.costmap.kernels import Grid, cell_at, edge_cost, place_corners
 from barn_planners.interface import FloatArray
-from barn_worlds.base.arrays import Bools, Bytes, MediumIntegers, Singles
-from barn_worlds.base.kernel import kernel
+from barn_worlds.base.arrays import Bools, Bytes, MediumIntegers, Singles, kernel
 
 # Costs of cells as plain integers, which numba treats as constants.
 _FREE = 0

@@ -13,8 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from barn_planners.interface import FloatArray
-from barn_worlds.base.arrays import Singles
-from barn_worlds.base.kernel import kernel
+from barn_worlds.base.arrays import Singles, kernel
 
 # Words a, b, c and counter of SFC64, whether half a draw is left (0 or 1), and that
 # half.

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from barn_planners.interface import Observation
-from barn_worlds.base.arrays import Singles
+from barn_worlds.base.arrays import Singles, kernel
 from barn_worlds.base.config import Checked, optional, quantity
-from barn_worlds.base.kernel import kernel
 from barn_worlds.base.types import Pose2D, Scan, nanoseconds
 
 # Anything beyond these is a fault of the source, not a fast robot or a large world.

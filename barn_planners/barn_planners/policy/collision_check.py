@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from barn_planners.interface import FloatArray
 from barn_planners.navigation.observation_check import LidarMountConfig
 from barn_planners.navigation.scan_planner import scan_points
+from barn_worlds.base.arrays import kernel
 from barn_worlds.base.config import quantity
-from barn_worlds.base.kernel import kernel
 from barn_worlds.base.types import STOP, Scan, Velocity2D
 
 # Distance between checked poses, along the path of the outline's fastest corner.

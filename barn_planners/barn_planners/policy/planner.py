@@ -16,7 +16,7 @@ from barn_planners.navigation.observation_check import ObservationCheckConfig
 from barn_planners.navigation.progress import ProgressCheck
 from barn_planners.navigation.scan_planner import ScanPlanner
 from barn_planners.policy.collision_check import CollisionCheckConfig, avoid_collision
-from barn_planners.policy.onnx import load_network
+from barn_planners.policy.file import load_network
 from barn_planners.policy.space import FrameStack, ObservationEncoder
 from barn_planners.registry import ANY_PROTOCOL, PlannerEntry
 from barn_planners.robots import fit_to_robot

@@ -23,10 +23,9 @@ import numpy.typing as npt
 from numba import njit
 
 from barn_planners.interface import FloatArray, Observation
-from barn_worlds.base.arrays import Bools, Singles
+from barn_worlds.base.arrays import Bools, Singles, kernel
 from barn_worlds.base.config import Checked, optional, quantity
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.base.kernel import kernel
 from barn_worlds.base.types import Pose2D, Scan, Velocity2D
 
 Vector = Singles

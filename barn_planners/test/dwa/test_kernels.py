@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from barn_planners.costmap import kernels as costmap_kernels
 from barn_planners.costmap.config import rectangle
 from barn_planners.costmap.kernels import INSCRIBED, LETHAL, Cell, Grid, Pose
-from barn_planners.dwa import kernels, wavefront
+from barn_planners.dwa import kernels
 from barn_planners.dwa.kernels import (
     Ground,
     Motion,
@@ -42,7 +42,7 @@ def cell_of(x, y):
 
 
 def padded(cell):
-    return wavefront.padded(Cell(*cell), COLS + 2)
+    return kernels.padded(Cell(*cell), COLS + 2)
 
 
 def random_costs(seed, density=0.01):
@@ -72,16 +72,16 @@ def prepared(costs, pose):
     state = np.empty(SIZE, np.uint8)
     corners = costmap_kernels.corners_at(JACKAL, Pose(*pose))
     covered = costmap_kernels.footprint_cells(corners, GRID, (ROWS, COLS))
-    wavefront.block_cells(costs, state)
-    wavefront.open_cells(covered, COLS + 2, state)
+    kernels.block_cells(costs, state)
+    kernels.open_cells(covered, COLS + 2, state)
     passable = costs < INSCRIBED
     passable[covered[:, 0], covered[:, 1]] = True
     return state, passable
 
 
 def wavefront_from(state, seeds):
-    wave = wavefront.new_wavefront(ROWS, COLS)
-    wavefront.start_wavefront(wave, state, np.array([padded(cell) for cell in seeds]))
+    wave = kernels.new_wavefront(ROWS, COLS)
+    kernels.start_wavefront(wave, state, np.array([padded(cell) for cell in seeds]))
     return wave
 
 
@@ -94,13 +94,13 @@ def test_waves_count_the_steps_around_what_blocks(seed):
     again = wavefront_from(state, seeds[:1])
     expected = plain_wavefront(passable, seeds)
     cells = list(np.ndindex(ROWS, COLS))
-    wavefront.start_wavefront(again, state, np.array([padded(cell) for cell in seeds]))
+    kernels.start_wavefront(again, state, np.array([padded(cell) for cell in seeds]))
     for result in (wave, again):
         # in whatever order cells are asked for
         np.random.default_rng(seed).shuffle(cells)
         for cell in cells:
-            steps = wavefront.steps_to(result, padded(cell))
-            assert steps == expected.get(cell, wavefront.UNREACHED), cell
+            steps = kernels.steps_to(result, padded(cell))
+            assert steps == expected.get(cell, kernels.UNREACHED), cell
 
 
 def test_a_wave_spreads_no_further_than_to_the_cell_asked_for():
@@ -111,23 +111,23 @@ def test_a_wave_spreads_no_further_than_to_the_cell_asked_for():
     expected = plain_wavefront(passable, [(30, 40)])
     furthest = max(expected.values())
     for cell in ((31, 40), (33, 40), (45, 60)):
-        assert wavefront.steps_to(wave, padded(cell)) == expected[cell] < furthest
+        assert kernels.steps_to(wave, padded(cell)) == expected[cell] < furthest
         within = sum(steps <= expected[cell] + 1 for steps in expected.values())
-        assert (wave.state == wavefront.REACHED).sum() <= within
-    assert wavefront.steps_to(wave, padded((32, 30))) == wavefront.UNREACHED
+        assert (wave.state == kernels.REACHED).sum() <= within
+    assert kernels.steps_to(wave, padded((32, 30))) == kernels.UNREACHED
 
 
 def test_plan_cells_follow_the_plan_within_the_grid_without_gaps():
     places = [(-3.0, 0.0), (-1.9, 0.0), (0.5, 0.3), (0.5, 1.0), (9.0, 1.0), (0.0, 0.0)]
     plan = np.array([(x, y, 0.0) for x, y in places])
     cells = np.empty(1000, np.int64)
-    count = wavefront.plan_cells(plan, GRID, (ROWS, COLS), cells)
+    count = kernels.plan_cells(plan, GRID, (ROWS, COLS), cells)
     way = np.column_stack(np.divmod(cells[:count], COLS + 2)) - 1
     assert tuple(way[0]) == cell_of(-1.99, 0.0)
     assert tuple(way[-1]) == cell_of(2.49, 1.0)
     assert (np.abs(np.diff(way, axis=0)).max(axis=1) == 1).all()
-    assert wavefront.plan_cells(plan[:1], GRID, (ROWS, COLS), cells) == 0
-    assert wavefront.plan_cells(plan, GRID, (ROWS, COLS), cells[:10]) == 10
+    assert kernels.plan_cells(plan[:1], GRID, (ROWS, COLS), cells) == 0
+    assert kernels.plan_cells(plan, GRID, (ROWS, COLS), cells[:10]) == 10
 
 
 @pytest.mark.parametrize("outline", [JACKAL, PENTAGON])

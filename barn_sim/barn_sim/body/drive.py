@@ -5,8 +5,7 @@ import math
 from barn_sim.body.state import Fleet, Record
 from barn_sim.body.vectors import fill
 from barn_sim.config import DriveConfig
-from barn_worlds.base.arrays import Floats
-from barn_worlds.base.kernel import kernel
+from barn_worlds.base.arrays import Floats, kernel
 from barn_worlds.base.types import Velocity2D, nanoseconds
 
 

@@ -1,6 +1,6 @@
 """Coulomb friction of wheels whose rim speeds are given.
 
-`barn_sim.body.tires` explains the problem. Friction is an impulse per wheel in the
+`barn_sim.body.rigid_body` explains the problem. Friction is an impulse per wheel in the
 ground plane, inside the circle of radius friction x load. Either the wheel does not
 slip, or the impulse is on the circle and opposes the slip (maximum dissipation). A
 rubber tire slips before that, in proportion to the impulse; this is an option. The
@@ -14,8 +14,7 @@ from numba import njit
 
 from barn_sim.body.state import Record, Records
 from barn_sim.body.vectors import Matrix, Vector, fill
-from barn_worlds.base.arrays import Floats
-from barn_worlds.base.kernel import inline_kernel, kernel
+from barn_worlds.base.arrays import Floats, inline_kernel, kernel
 
 SWEEPS = 100
 # Change of an impulse that ends the iteration, N s: 1e-9 m/s of the Jackal.

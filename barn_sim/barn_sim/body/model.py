@@ -1,7 +1,7 @@
 """The robot's rigid body, and the URDF that is published as robot_description.
 
 Both are made of the robot's `Chassis`, unless it comes with a URDF. The body includes
-the wheels' masses; `barn_sim.body.tires` explains why the wheels are not joints.
+the wheels' masses; `barn_sim.body.rigid_body` explains why the wheels are not joints.
 """
 
 import math

@@ -1,7 +1,6 @@
 """Vectors, quaternions (x, y, z, w) and matrices as tuples, for compiled code."""
 
-from barn_worlds.base.arrays import Floats
-from barn_worlds.base.kernel import kernel
+from barn_worlds.base.arrays import Floats, kernel
 
 # Tuples live in registers, where small arrays would be allocated anew each time.
 Vector = tuple[float, float, float]

@@ -9,8 +9,7 @@ import math
 
 import numpy as np
 
-from barn_worlds.base.arrays import Bools, Floats, Integers
-from barn_worlds.base.kernel import kernel
+from barn_worlds.base.arrays import Bools, Floats, Integers, kernel
 from barn_worlds.geometry.kernels import rectangle_gap
 
 # Points of a segment of 1 m: closer together than a cylinder is thick.

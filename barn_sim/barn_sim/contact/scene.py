@@ -36,7 +36,7 @@ class ContactScene:
 
         Args:
             model: Shapes and inertia of the robot. It stands on its tires, which
-                `barn_sim.body.tires` computes.
+                `barn_sim.body.rigid_body` computes.
             config: Tick, gravity and friction.
         """
         self.model = model

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from barn_sim.config import LidarConfig
-from barn_worlds.base.text_files import read_package_yaml
+from barn_worlds.base.files import read_package_yaml
 from barn_worlds.geometry.polygon import Corner
 from barn_worlds.robots.robot import Chassis, Vector3
 

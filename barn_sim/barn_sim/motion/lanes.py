@@ -19,13 +19,11 @@ from barn_sim.body.friction import (
     clip,
     sweep_friction,
 )
-from barn_sim.body.rigid_body import move_body
+from barn_sim.body.rigid_body import begin_tires, move_body
 from barn_sim.body.state import Fleet, Record, record_type
-from barn_sim.body.tires import begin_tires
 from barn_sim.body.vectors import fill
 from barn_sim.motion.ticks import NO_REFERENCES, advance, finish_tick, is_free
-from barn_worlds.base.arrays import Floats, Integers
-from barn_worlds.base.kernel import kernel
+from barn_worlds.base.arrays import Floats, Integers, kernel
 
 LANES = 32
 # So few robots are faster one after the other.

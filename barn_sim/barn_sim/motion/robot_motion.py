@@ -19,9 +19,8 @@ import numpy as np
 
 from barn_sim.body.drive import DriveController
 from barn_sim.body.model import RobotModel, model_of
-from barn_sim.body.rigid_body import place_base
+from barn_sim.body.rigid_body import Tires, place_base, tires_of
 from barn_sim.body.state import ROBOT, Fleet, Records
-from barn_sim.body.tires import Tires, tires_of
 from barn_sim.body.vectors import rotation
 from barn_sim.config import PhysicsConfig, SimulatorConfig
 from barn_sim.contact.bullet import bullet

@@ -12,9 +12,8 @@ from numba import njit
 
 from barn_sim.body.drive import turn_wheels
 from barn_sim.body.friction import SWEEPS, Motion, sweep_friction
-from barn_sim.body.rigid_body import move_body, place_base
+from barn_sim.body.rigid_body import begin_tires, move_body, place_base, tire_forces
 from barn_sim.body.state import Fleet, Record, Records
-from barn_sim.body.tires import begin_tires, tire_forces
 from barn_sim.body.vectors import (
     BodyState,
     Vector,
@@ -27,8 +26,7 @@ from barn_sim.body.vectors import (
 )
 from barn_sim.contact.cylinders import nearest_gap
 from barn_sim.sensors.odometry import integrate_wheels, read_odometry, renew_noise, wrap
-from barn_worlds.base.arrays import Floats, Integers
-from barn_worlds.base.kernel import inline_kernel, kernel
+from barn_worlds.base.arrays import Floats, Integers, inline_kernel, kernel
 
 # For kernels that neither create nor store arrays: numba need not count references to
 # them, which takes a third of a tick.

@@ -6,8 +6,7 @@ from numpy.random import Generator
 
 from barn_sim.body.state import Fleet, Record, Records
 from barn_sim.config import OdometryConfig
-from barn_worlds.base.arrays import Floats
-from barn_worlds.base.kernel import kernel
+from barn_worlds.base.arrays import Floats, kernel
 from barn_worlds.base.types import Odometry, Pose2D, Velocity2D, nanoseconds
 
 

@@ -18,8 +18,7 @@ from functools import cache
 import numpy as np
 
 from barn_sim.config import LocalizationConfig
-from barn_worlds.base.arrays import BoolGrid, Floats, Integers, unit_vectors
-from barn_worlds.base.kernel import kernel
+from barn_worlds.base.arrays import BoolGrid, Floats, Integers, kernel, unit_vectors
 from barn_worlds.base.types import (
     ORIGIN,
     OccupancyMap,

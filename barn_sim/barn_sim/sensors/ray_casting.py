@@ -15,8 +15,7 @@ from numba import njit
 from barn_sim.body.state import Record, Records
 from barn_sim.body.vectors import Vector
 from barn_sim.sensors.odometry import wrap
-from barn_worlds.base.arrays import Floats, Integers, Singles
-from barn_worlds.base.kernel import kernel
+from barn_worlds.base.arrays import Floats, Integers, Singles, kernel
 from barn_worlds.geometry.kernels import entry_time
 
 # Angle of the first beam, angle from beam to beam (rad), longest range (m).

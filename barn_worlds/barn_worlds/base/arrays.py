@@ -1,9 +1,11 @@
-"""Array types of worlds and of measurements on them."""
+"""Types of arrays, and the compiler of kernels over them."""
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 # Names say what an array holds. mypy checks the type of its numbers, not its shape.
 BoolGrid = npt.NDArray[np.bool_]  # (rows, cols), True where filled or occupied
@@ -33,3 +35,21 @@ def unit_vectors(angles: AnyArray) -> Floats:
     """Return the unit vectors (n, 2) of directions (n,) in rad."""
     vectors: Floats = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     return vectors
+
+
+_Function = TypeVar("_Function", bound=Callable[..., object])
+
+
+def kernel(function: _Function) -> _Function:
+    """Return a function that numba compiles on its first call and caches on disk.
+
+    A division by zero gives inf or NaN, as in numpy. Python's exception would cost a
+    branch at every division, and would keep loops from being vectorized.
+    """
+    return cast(_Function, njit(cache=True, error_model="numpy")(function))
+
+
+def inline_kernel(function: _Function) -> _Function:
+    """Return a function compiled as by `kernel` and inlined where kernels call it."""
+    compiled = njit(cache=True, error_model="numpy", forceinline=True)(function)
+    return cast(_Function, compiled)

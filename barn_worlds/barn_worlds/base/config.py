@@ -33,7 +33,7 @@ from cattrs.errors import (
 from cattrs.gen import make_dict_structure_fn, make_dict_unstructure_fn, override
 
 from barn_worlds.base.errors import ConfigError, format_value, suggest, suggest_similar
-from barn_worlds.base.text_files import read_package_yaml
+from barn_worlds.base.files import read_package_yaml
 
 T = TypeVar("T")
 

@@ -1,22 +1,37 @@
-"""Reading files of bounded size and replacing files atomically.
+"""Files that anyone may have written: bytes, YAML, JSON and lines of JSON.
 
-No other module of the suite opens files that others wrote, or replaces files.
+No other module of the suite opens them, or replaces files. Size, depth, number of values,
+numbers and encoding are bounded. Every mistake in a text is a ConfigError of one line
+that names the file.
 """
 
 import errno
 import gzip
 import io
+import json
+import math
 import os
 import stat
 import tempfile
 import zipfile
 import zlib
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext, suppress
+from importlib.resources import files
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO, TypeAlias
 
-from barn_worlds.base.errors import StoreError, WorldError, convert_os_errors
+import yaml
+
+from barn_worlds.base.errors import (
+    ConfigError,
+    StoreError,
+    WorldError,
+    convert_os_errors,
+    format_error,
+    format_value,
+)
+from barn_worlds.base.yaml_scalars import CoreLoader, Dumper
 
 LARGEST_FILE_BYTES = 256 * 1024 * 1024
 
@@ -250,3 +265,253 @@ def _sync(path: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+LARGEST_JSON_BYTES = 64 * 1024 * 1024
+LARGEST_YAML_BYTES = 256 * 1024
+LONGEST_LINE_BYTES = 1 << 20
+MOST_VALUES = 1_000_000
+DEEPEST = 60
+PlainData: TypeAlias = Any  # None, bool, int, float, str, lists and mappings of them
+_LARGEST_INTEGER = 2**63 - 1
+
+
+def read_json(path: Path, largest: int = LARGEST_JSON_BYTES) -> PlainData:
+    """Return the data in a JSON file; ConfigError if it cannot be read or is refused.
+
+    Args:
+        path: A regular file.
+        largest: Most bytes that it may hold.
+
+    Raises:
+        ConfigError: If the file cannot be read or `parse_json` refuses it.
+    """
+    return parse_json(_read(path, largest), str(path))
+
+
+def as_mapping(content: PlainData) -> dict[str, Any]:
+    """Return `content` itself if it is a dict, else an empty dict."""
+    return content if isinstance(content, dict) else {}
+
+
+def parse_json(text: str | bytes, where: str) -> PlainData:
+    """Return the data in JSON; ConfigError for NaN, huge integers or too many values.
+
+    Args:
+        text: JSON, as bytes in UTF-8.
+        where: Path or name of the source, to begin an error message with.
+
+    Raises:
+        ConfigError: If the text is not JSON, has numbers that are not finite, integers
+            of more than 64 bits or texts that are not Unicode, or is too large.
+    """
+    try:
+        content = text if isinstance(text, str) else text.decode("utf-8")
+        # Every value but the first follows one of these characters.
+        if sum(map(content.count, ",[{")) > MOST_VALUES:
+            raise ValueError(f"more than {MOST_VALUES} values")
+        data = json.loads(content, parse_constant=_refuse_constant)
+        _check(data)
+    except (ValueError, RecursionError) as error:
+        raise ConfigError(f"{where}: not JSON: {format_error(error)}") from None
+    return data
+
+
+def read_lines(path: Path, file: BinaryIO | None = None) -> Iterator[tuple[str, str]]:
+    """Yield place ("rows.jsonl, line 2") and unparsed text of each complete line.
+
+    ConfigError for a file that cannot be read, is no UTF-8 or too large.
+
+    A file that does not exist has no lines. A last line without its end, as a killed
+    writer leaves it, is left out.
+
+    Args:
+        path: A regular file.
+        file: The file if it is open already; it stays open.
+    """
+    number = 1
+    try:
+        with nullcontext(file) if file else open_regular(path) as lines:
+            # One byte more than allowed shows that a line is too long.
+            while line := lines.readline(LONGEST_LINE_BYTES + 1):
+                if len(line) > LONGEST_LINE_BYTES:
+                    raise ConfigError(
+                        f"{path}, line {number}: more than the allowed "
+                        f"{LONGEST_LINE_BYTES} bytes"
+                    )
+                if line.endswith(b"\n"):
+                    yield f"{path}, line {number}", line[:-1].decode("utf-8")
+                number += 1
+    except FileNotFoundError:
+        return
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}, line {number}: not JSON: {error}") from None
+    except OSError as error:
+        raise ConfigError(f"{path}: {error.strerror or error}") from None
+
+
+def read_yaml(
+    path: Path, schema_version: int, largest: int = LARGEST_YAML_BYTES
+) -> dict[str, Any]:
+    """Return the mapping in a YAML file, without its checked key schema_version.
+
+    Args:
+        path: A regular file.
+        schema_version: What its key `schema_version` must be.
+        largest: Most bytes that it may hold.
+
+    Returns:
+        The mapping without its `schema_version`.
+
+    Raises:
+        ConfigError: If the file cannot be read, is not YAML or of another version.
+    """
+    content = parse_yaml(_read(path, largest), str(path))
+    if not isinstance(content, dict):
+        raise ConfigError(
+            f"{path}: must be a mapping of names to values, got {format_value(content)}"
+        )
+    version = content.pop("schema_version", None)
+    if version != schema_version:
+        raise ConfigError(
+            f"{path}: schema_version must be {schema_version}, "
+            f"got {format_value(version)}"
+        )
+    return content
+
+
+def parse_yaml(text: str | bytes, where: str, loader: Any = CoreLoader) -> PlainData:
+    """Return the data in YAML; ConfigError for aliases, deep nesting or no YAML.
+
+    Args:
+        text: YAML, as bytes in UTF-8 or UTF-16.
+        where: Path or name of the source, to begin an error message with.
+        loader: One of `yaml_scalars`, for the program that the file is for.
+
+    Raises:
+        ConfigError: If the text is not YAML or nested too deep.
+    """
+    try:
+        _check_events(text)
+        data = yaml.load(text, loader)  # a safe loader  # noqa: S506  # nosec B506
+        # The configuration checks numbers itself, because it can name the key.
+        _check(data, numbers=False)
+    # PyYAML lets through what its constructors raise for a bad date, `!!int x` etc.
+    except (
+        yaml.YAMLError,
+        ValueError,
+        TypeError,
+        LookupError,
+        AttributeError,
+        ArithmeticError,
+    ) as error:
+        raise ConfigError(f"{where}: not YAML: {format_error(error)}") from None
+    return data
+
+
+def dump_yaml(content: PlainData, **options: Any) -> str:
+    """Return plain data as YAML that YAML 1.1, 1.2 and ROS read alike.
+
+    Args:
+        content: Mappings, lists and scalars.
+        options: Of `yaml.dump`, such as its width.
+    """
+    text: str = yaml.dump(content, Dumper=Dumper, sort_keys=False, **options)
+    return text
+
+
+def read_package_yaml(package: str, file: str) -> PlainData:
+    """Return the data in a YAML file in the folder `data` of a Python package.
+
+    Args:
+        package: Python package with the file in its folder `data`.
+        file: File name, with folders below `data` if there are any.
+    """
+    return parse_yaml((files(package) / "data" / file).read_text("utf-8"), file)
+
+
+def make_json_safe(content: PlainData) -> PlainData:
+    """Return a copy of plain data that JSON can hold, with None for NaN and infinity.
+
+    Numbers that are not finite become None, keys become text, tuples become lists.
+    """
+    if isinstance(content, dict):
+        return {str(key): make_json_safe(value) for key, value in content.items()}
+    if isinstance(content, (list, tuple)):
+        return [make_json_safe(value) for value in content]
+    if isinstance(content, float) and not math.isfinite(content):
+        return None
+    return content
+
+
+def markdown_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a Markdown table as text without a final newline; pipes are escaped.
+
+    Args:
+        headings: Text over each column.
+        rows: Cells of each row, in the order of the headings.
+    """
+    lines = []
+    for cells in (headings, ["---"] * len(headings), *rows):
+        text = " | ".join(cell.replace("|", "\\|") for cell in cells)
+        lines.append(f"| {text} |")
+    return "\n".join(lines)
+
+
+def _read(path: Path, largest: int) -> bytes:
+    """Return the bytes of a file; ConfigError if it cannot be read or is too large."""
+    with convert_os_errors(ConfigError, path):
+        return read_at_most(path, largest)
+
+
+def _refuse_constant(name: str) -> None:
+    """Raise ValueError for NaN and Infinity, which Python reads but JSON lacks."""
+    raise ValueError(f"numbers must be finite, got {name}")
+
+
+def _check(content: PlainData, *, numbers: bool = True) -> None:
+    """Raise ValueError for plain data that is nested too deep or has invalid values.
+
+    Args:
+        content: Plain data.
+        numbers: Whether to check the range of numbers, too.
+    """
+    # Level by level, because recursion would fail on the depth that is checked here.
+    level = [content]
+    for _ in range(DEEPEST):
+        next_level: list[Any] = []
+        for value in level:
+            if isinstance(value, dict):
+                next_level += value
+                next_level += value.values()
+            elif isinstance(value, (list, tuple, set)):
+                next_level += value
+            elif isinstance(value, str):
+                # Raises UnicodeEncodeError for lone surrogates, which no file can hold.
+                value.encode()
+            elif numbers and isinstance(value, int) and abs(value) > _LARGEST_INTEGER:
+                raise ValueError(
+                    f"integers must be of 64 bits, got {format_value(value)}"
+                )
+            elif numbers and isinstance(value, float) and not math.isfinite(value):
+                raise ValueError(f"numbers must be finite, got {value}")
+        if not next_level:
+            return
+        level = next_level
+    raise ValueError(f"nested more than {DEEPEST} deep")
+
+
+def _check_events(text: str | bytes) -> None:
+    """Raise YAMLError for aliases and for a structure that is nested too deep."""
+    # Events come before any object is built, so a hostile file costs no memory yet.
+    depth = 0
+    for event in yaml.parse(text, CoreLoader):
+        # Aliases let a file of a few bytes describe gigabytes.
+        if isinstance(event, yaml.AliasEvent):
+            raise yaml.YAMLError("aliases (*name) are not allowed")
+        if isinstance(event, yaml.CollectionStartEvent):
+            depth += 1
+        elif isinstance(event, yaml.CollectionEndEvent):
+            depth -= 1
+        if depth > DEEPEST:
+            raise yaml.YAMLError(f"nested more than {DEEPEST} deep")

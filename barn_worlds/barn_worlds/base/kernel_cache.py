@@ -18,7 +18,7 @@ from pathlib import Path
 _PACKAGES = ("barn_worlds", "barn_sim", "barn_planners", "barn_metrics", "barn_eval")
 _VARIABLE = "NUMBA_CACHE_DIR"
 # What every source file with kernels, or with a type of their arguments, contains.
-_MARKS = (b"numba", b"barn_worlds.base.kernel", b"NamedTuple")
+_MARKS = (b"numba", b"barn_worlds.base.arrays", b"NamedTuple")
 
 
 def prepare(package: Path) -> None:

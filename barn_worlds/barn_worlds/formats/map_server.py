@@ -31,8 +31,7 @@ from barn_worlds.base.errors import (
     note,
     suggest_similar,
 )
-from barn_worlds.base.files import read_bytes, write_bytes
-from barn_worlds.base.text_files import dump_yaml, parse_yaml
+from barn_worlds.base.files import dump_yaml, parse_yaml, read_bytes, write_bytes
 from barn_worlds.base.types import OccupancyMap
 from barn_worlds.base.yaml_scalars import TextLoader, parse_flag, parse_numbers
 from barn_worlds.worlds.cells import (

@@ -15,8 +15,13 @@ import numpy as np
 
 from barn_worlds.base.arrays import AnyArray
 from barn_worlds.base.errors import WorldError, format_error, format_value
-from barn_worlds.base.files import ZIP_ERRORS, pack_zip, read_bytes, write_bytes
-from barn_worlds.base.text_files import parse_json
+from barn_worlds.base.files import (
+    ZIP_ERRORS,
+    pack_zip,
+    parse_json,
+    read_bytes,
+    write_bytes,
+)
 
 LARGEST_NPY = 64 * 1024 * 1024
 Arrays = dict[str, AnyArray]

@@ -17,8 +17,7 @@ from barn_worlds.base.config import (
     quantity,
 )
 from barn_worlds.base.errors import WorldError
-from barn_worlds.base.files import write_bytes
-from barn_worlds.base.text_files import dump_yaml, read_yaml
+from barn_worlds.base.files import dump_yaml, read_yaml, write_bytes
 from barn_worlds.moving.motion import MovingObstacle, Wall
 from barn_worlds.worlds.course import parse_course
 from barn_worlds.worlds.world import LARGEST_NAME, LARGEST_SIDE, Provenance, World

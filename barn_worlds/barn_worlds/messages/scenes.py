@@ -10,7 +10,7 @@ import numpy as np
 
 from barn_worlds.base.arrays import Floats, Points
 from barn_worlds.base.errors import MessageError
-from barn_worlds.base.text_files import read_package_yaml
+from barn_worlds.base.files import read_package_yaml
 from barn_worlds.base.types import Pose2D, quaternion_from_yaw
 from barn_worlds.geometry.bodies import Bodies, moving_bodies, wall_bodies
 from barn_worlds.messages import decode

@@ -11,7 +11,7 @@ from typing import Any
 
 from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.errors import ConfigError, format_value, suggest
-from barn_worlds.base.text_files import dump_yaml, read_yaml
+from barn_worlds.base.files import dump_yaml, read_yaml
 from barn_worlds.robots.robot import Chassis, Robot
 from barn_worlds.robots.urdf import read_chassis
 

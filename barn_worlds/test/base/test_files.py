@@ -14,21 +14,19 @@ import pytest
 
 from barn_worlds.base.errors import ConfigError, WorldError
 from barn_worlds.base.files import (
+    LARGEST_YAML_BYTES,
+    LONGEST_LINE_BYTES,
     create_folder,
+    make_json_safe,
+    parse_yaml,
     read_bytes,
+    read_json,
+    read_lines,
     read_maybe_gzipped,
+    read_yaml,
     remove_partial_files,
     replace_file,
     write_bytes,
-)
-from barn_worlds.base.text_files import (
-    LARGEST_YAML_BYTES,
-    LONGEST_LINE_BYTES,
-    make_json_safe,
-    parse_yaml,
-    read_json,
-    read_lines,
-    read_yaml,
 )
 
 

@@ -43,7 +43,7 @@ def test_all_kernels_are_compiled_anew_once_one_has_changed(package):
 @pytest.mark.parametrize(
     "source",
     [
-        "from barn_worlds.base.kernel import inline_kernel",
+        "from barn_worlds.base.arrays import inline_kernel",
         "class Argument(NamedTuple):",
     ],
 )

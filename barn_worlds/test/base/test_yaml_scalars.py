@@ -5,7 +5,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from barn_worlds.base.text_files import dump_yaml, parse_yaml
+from barn_worlds.base.files import dump_yaml, parse_yaml
 from barn_worlds.base.yaml_scalars import (
     CoreLoader,
     RosLoader,

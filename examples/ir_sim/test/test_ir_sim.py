@@ -12,7 +12,7 @@ pytest.importorskip("irsim", reason="ir-sim is not installed: pip install ir-sim
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 from barn_eval.results.rows import RowFile
-from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.result import Outcome
 from barn_worlds.ros.domain import reserve_domain
 
 EXAMPLE = Path(__file__).parents[1]

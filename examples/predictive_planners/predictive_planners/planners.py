@@ -16,9 +16,8 @@ from barn_planners.mppi.planner import MppiController
 from barn_planners.navigation.loop import NavigationPlanner
 from barn_planners.registry import ANY_PROTOCOL, PlannerEntry
 from barn_planners.robots import fit_to_robot
-from barn_worlds.base.arrays import Singles
+from barn_worlds.base.arrays import Singles, kernel
 from barn_worlds.base.config import quantity
-from barn_worlds.base.kernel import kernel
 from predictive_planners.tracker import (
     Tracker,
     TrackerConfig,

@@ -30,7 +30,7 @@ TESTS = {
     "barn_eval.trials.rules": ["trials/test_referee"],
     "barn_eval.trials.referee": ["trials/test_referee"],
     "barn_eval.trials.protocol": ["trials/test_protocol"],
-    "barn_eval.trials.outcome": ["trials/test_outcome"],
+    "barn_eval.trials.result": ["trials/test_outcome"],
     "barn_eval.trials.seeds": ["trials/test_outcome"],
     "barn_eval.trials.trajectory": ["trials/test_trajectory"],
     "barn_eval.trials.encounters": ["trials/test_encounters"],

@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 
 from processes import MARK, list_marked
 
-from barn_eval.trials.outcome import UNDRIVEN_OUTCOMES
+from barn_eval.trials.result import UNDRIVEN_OUTCOMES
 from barn_worlds.base.errors import ExitCode
 from fault_cases.system import command_line, kill
 

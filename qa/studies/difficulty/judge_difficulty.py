@@ -31,7 +31,7 @@ from barn_metrics.model.inputs import inputs_of
 from barn_worlds.base.arrays import Bools, Floats
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import BarnError
-from barn_worlds.base.text_files import make_json_safe
+from barn_worlds.base.files import make_json_safe
 from barn_worlds.worlds.world import World
 
 NETWORKS = "routes"

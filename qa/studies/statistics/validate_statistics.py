@@ -28,8 +28,7 @@ from simulated_checks import GROUPS, CheckGroup
 from barn_eval.analysis.verdict import FEW_WORLDS
 from barn_metrics.bootstrap import number
 from barn_worlds.base.config import from_dict
-from barn_worlds.base.files import write_durably
-from barn_worlds.base.text_files import markdown_table, read_json
+from barn_worlds.base.files import markdown_table, read_json, write_durably
 
 SIMULATIONS = 400
 SEEDS = 2

@@ -12,8 +12,7 @@ from typing import Any
 
 from barn_eval.pages import LIVE_PORT
 from barn_eval.pages.live.gate import Gate
-from barn_eval.results.bags.bagfile import TrialFollower
-from barn_eval.results.bags.mcap_file import RawMessage
+from barn_eval.results.bags.bagfile import RawMessage, TrialFollower
 from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.messages import topics
 from barn_worlds.messages.cdr import jazzy_types

@@ -32,7 +32,7 @@ from barn_eval.results.rows import ROWS_FILE, RowFile
 from barn_eval.results.run_file import RunFile
 from barn_eval.trials.result import Rows, TrialResult
 from barn_worlds.base.errors import BarnError, ConfigError
-from barn_worlds.base.text_files import make_json_safe
+from barn_worlds.base.files import make_json_safe
 
 MAX_LISTED = 50  # trials, and failures
 _RATE_TRIALS = 60  # the last trials, from which the rate is computed

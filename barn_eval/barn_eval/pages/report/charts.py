@@ -43,7 +43,7 @@ from barn_eval.pages.figures import (
 )
 from barn_eval.pages.report.trials import DrivenTrial
 from barn_eval.running.setting_folders import LATENCY, format_setting_value
-from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.result import Outcome
 from barn_metrics.bootstrap import Interval
 from barn_worlds.base.arrays import Floats
 from barn_worlds.drawing.palette import BROKEN, INK

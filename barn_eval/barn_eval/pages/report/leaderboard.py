@@ -13,7 +13,7 @@ from barn_eval.analysis.verdict import conclude_ranking
 from barn_eval.pages.template import render, write_page
 from barn_eval.results.bags import BAGS
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.base.text_files import markdown_table
+from barn_worlds.base.files import markdown_table
 
 _TIME = "normalised_time_s_per_m"
 _ORIGIN_COLUMNS = ("trials", "folder", "configuration", "bags")

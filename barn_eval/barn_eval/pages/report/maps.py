@@ -24,7 +24,7 @@ from barn_eval.pages.report.trials import (
     read_trials,
 )
 from barn_eval.results.tracks import CHANNELS
-from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.result import Outcome
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.drawing import scene as drawing

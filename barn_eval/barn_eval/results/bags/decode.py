@@ -9,7 +9,7 @@ from barn_eval.results.bags.bagfile import BagFile
 from barn_planners.interface import PlannerStatus
 from barn_sim.config import chassis_in
 from barn_worlds.base.errors import ConfigError, MessageError
-from barn_worlds.base.text_files import as_mapping, parse_json
+from barn_worlds.base.files import as_mapping, parse_json
 from barn_worlds.base.types import ORIGIN, OccupancyMap, Odometry, Pose2D, Scan
 from barn_worlds.messages import decode, topics
 from barn_worlds.messages.scenes import decode_moving, decode_moving_poses, decode_scene

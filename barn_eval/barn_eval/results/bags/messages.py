@@ -5,9 +5,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from barn_eval.results.bags.recorder import Recorder
-from barn_eval.trials.outcome import Outcome, Verdict, challenge_metric
 from barn_eval.trials.protocol import Course
 from barn_eval.trials.referee import Referee, Standing
+from barn_eval.trials.result import Outcome, Verdict, challenge_metric
 from barn_eval.trials.spec import TrialSpec
 from barn_planners.interface import Decision, Planner
 from barn_planners.runtime.messages import PlannerMessages

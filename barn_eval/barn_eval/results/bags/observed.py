@@ -7,9 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from barn_eval.results.bags.bagfile import BagFile
+from barn_eval.results.bags.bagfile import BagFile, RawMessage
 from barn_eval.results.bags.decode import metadata, read_mounts
-from barn_eval.results.bags.mcap_file import RawMessage
 from barn_eval.results.bags.sources import Sources, TopicChoice
 from barn_eval.trials.system import NO_CONTACT
 from barn_worlds.base.arrays import Integers

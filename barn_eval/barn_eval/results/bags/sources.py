@@ -5,8 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
-from barn_eval.results.bags.bagfile import BagFile
-from barn_eval.results.bags.mcap_file import RawMessage
+from barn_eval.results.bags.bagfile import BagFile, RawMessage
 from barn_eval.trials.system import NO_CONTACT
 from barn_worlds.base.errors import BagError, ConfigError, format_value
 from barn_worlds.base.types import ORIGIN, Odometry, Pose2D, Velocity2D

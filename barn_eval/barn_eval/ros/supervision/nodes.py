@@ -20,8 +20,7 @@ from barn_eval.trials.spec import TrialSpec
 from barn_sim.config import SimulatorConfig, SimulatorNodeConfig, robot_of
 from barn_worlds.base.config import Checked, as_dict
 from barn_worlds.base.errors import ConfigError, convert_os_errors
-from barn_worlds.base.files import write_durably
-from barn_worlds.base.text_files import dump_yaml
+from barn_worlds.base.files import dump_yaml, write_durably
 from barn_worlds.base.types import Pose2D
 from barn_worlds.robots.files import ROBOTS, robot_yaml
 

@@ -26,14 +26,15 @@ from barn_eval.ros.supervision.process import (
 )
 from barn_eval.running.command_files import write_node_parameters
 from barn_eval.running.planner_sources import explain_end
-from barn_eval.trials.outcome import (
+from barn_eval.trials.result import (
     ENVIRONMENT,
     PLANNER,
     SIMULATOR,
     Outcome,
+    TrialResult,
     Verdict,
+    from_json_line,
 )
-from barn_eval.trials.result import TrialResult, from_json_line
 from barn_eval.trials.run_config import PlannerChoice, RunConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import TrajectoryLog

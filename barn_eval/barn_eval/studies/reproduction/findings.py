@@ -24,7 +24,7 @@ from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfi
 from barn_eval.trials.spec import simulator_config
 from barn_metrics.model import load_model
 from barn_worlds.base.config import Checked, as_dict, quantity
-from barn_worlds.base.text_files import make_json_safe
+from barn_worlds.base.files import make_json_safe
 from barn_worlds.datasets.dataset import open_dataset
 
 SCHEMA_VERSION = 5

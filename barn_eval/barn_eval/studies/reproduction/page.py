@@ -14,12 +14,11 @@ from barn_eval.studies.reproduction.findings import (
     to_json,
 )
 from barn_eval.studies.reproduction.trials import PLANNERS
-from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.result import Outcome
 from barn_metrics.bootstrap import Interval
 from barn_metrics.report import TABLE_II
 from barn_worlds.base.config import as_dict
-from barn_worlds.base.files import write_durably
-from barn_worlds.base.text_files import read_package_yaml
+from barn_worlds.base.files import read_package_yaml, write_durably
 from barn_worlds.drawing.palette import INK
 from barn_worlds.drawing.palette import PLANNERS as SHADES
 

@@ -20,8 +20,8 @@ from barn_eval.pages.report.charts import CHARTS
 from barn_eval.pages.report.maps import select_worlds
 from barn_eval.pages.report.page import draw, plot
 from barn_eval.pages.template import render
-from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE
+from barn_eval.trials.result import Outcome
 from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.drawing.palette import FAINT, INK, ON_DARK
 

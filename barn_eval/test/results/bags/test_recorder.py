@@ -300,7 +300,7 @@ def test_a_chunk_that_is_not_what_it_states_ends_the_reading(
 def test_a_chunk_of_almost_nothing_is_not_unpacked(tmp_path, monkeypatch):
     size = 20_000_000
     file = BagFile(with_chunk(tmp_path / "bomb.mcap", "zstd", bytes(size), size))
-    monkeypatch.delattr("barn_eval.results.bags.mcap_file.ZstdDecompressor")
+    monkeypatch.delattr("barn_eval.results.bags.bagfile.ZstdDecompressor")
     assert list(file.messages()) == []
     assert f"a chunk of {size} bytes in " in file.problem
 

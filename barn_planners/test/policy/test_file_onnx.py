@@ -10,7 +10,7 @@ pytest.importorskip("onnxruntime", reason="onnxruntime is not installed")
 
 from onnx import TensorProto, helper, numpy_helper  # noqa: E402
 
-from barn_planners.policy.onnx import METADATA_KEY, load_network  # noqa: E402
+from barn_planners.policy.file import METADATA_KEY, load_network  # noqa: E402
 from barn_planners.policy.space import PolicyAction, PolicyObservation  # noqa: E402
 from barn_worlds.base.config import as_dict  # noqa: E402
 from barn_worlds.base.errors import BarnError  # noqa: E402

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from barn_eval.trials.outcome import Outcome, Scores, Verdict, score_trial
 from barn_eval.trials.protocol import CHALLENGE, PAPER_2020, Course
+from barn_eval.trials.result import Outcome, Scores, Verdict, score_trial
 from barn_eval.trials.seeds import planner_seed, simulator_seed
 from barn_worlds.base.types import Pose2D
 

@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from barn_sim.body.friction import SWEEPS, begin_friction, sweep_friction
 from barn_sim.body.model import model_of
+from barn_sim.body.rigid_body import Tires, load_wheels, tire_forces, world_inertia
 from barn_sim.body.state import WHEEL
-from barn_sim.body.tires import Tires, load_wheels, tire_forces, world_inertia
 from barn_sim.body.vectors import quaternion, rotation, vector
 from barn_sim.config import PhysicsConfig, SimulatorConfig, with_robot
 from barn_sim.contact.scene import ContactScene
