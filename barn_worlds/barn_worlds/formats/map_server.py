@@ -7,6 +7,7 @@ pixel that is not opaque is unknown, and what is behind it does not count.
 import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -31,9 +32,16 @@ from barn_worlds.base.errors import (
     note,
     suggest_similar,
 )
-from barn_worlds.base.files import dump_yaml, parse_yaml, read_bytes, write_bytes
+from barn_worlds.base.files import (
+    as_mapping,
+    dump_yaml,
+    parse_yaml,
+    read_bytes,
+    write_bytes,
+)
 from barn_worlds.base.types import OccupancyMap
 from barn_worlds.base.yaml_scalars import TextLoader, parse_flag, parse_numbers
+from barn_worlds.geometry.transform import Transform, quaternion_matrix
 from barn_worlds.worlds.cells import (
     LARGEST_MAP,
     OCCUPIED,
@@ -78,6 +86,27 @@ class MapRoute(Checked):
 
 
 @dataclass(frozen=True)
+class Waypoint(Checked):
+    """A pose in a file that Nav2's panel of RViz saves."""
+
+    pose: tuple[float, float, float] = required("x, y, z in m")
+    orientation: tuple[float, float, float, float] = required("quaternion w, x, y, z")
+
+    def __post_init__(self) -> None:
+        """Raise ConfigError for an orientation that nobody set."""
+        super().__post_init__()
+        self.require(any(self.orientation), "orientation", "must not be all 0")
+
+    @property
+    def numbers(self) -> tuple[float, float, float]:
+        """x and y in m and yaw in rad."""
+        w, *axis = self.orientation
+        rotation = quaternion_matrix(*axis, w)
+        pose = Transform(np.array(self.pose), rotation)
+        return *self.pose[:2], pose.yaw_rad
+
+
+@dataclass(frozen=True)
 class MapFile(Checked):
     """The .yaml file of a map, with the keys of map_server and a course or routes."""
 
@@ -94,7 +123,7 @@ class MapFile(Checked):
         (), "x, y in m and yaw in rad of a world's start"
     )
     goal: tuple[float, ...] = optional((), "x, y in m (and yaw in rad) of its goal")
-    # By name; each makes a world of its own.
+    # By name, or a file of waypoints; each makes a world of its own.
     routes: Mapping[str, MapRoute] = field(default_factory=dict, metadata=OPTIONAL)
 
     def __post_init__(self) -> None:
@@ -162,6 +191,13 @@ def read_map_file(path: Path) -> MapFile:
     try:
         content = parse_yaml(file, str(path))
         if isinstance(content, dict):
+            if "waypoints" in content and "image" not in content:
+                raise WorldError(
+                    f"{path}: is no map; name it in the YAML file of one: "
+                    f"routes: {path.name}"
+                )
+            if isinstance(content.get("routes"), str):
+                content["routes"] = read_legs(path.parent / content["routes"])
             content |= _read_scalars(parse_yaml(file, str(path), TextLoader))
             names = [item.name for item in fields(MapFile)]
             others = [key for key in content if key not in names]
@@ -176,6 +212,36 @@ def read_map_file(path: Path) -> MapFile:
         raise WorldError(str(error)) from None
 
 
+def read_legs(path: Path) -> dict[str, dict[str, tuple[float, ...]]]:
+    """Return the routes from each waypoint to the next, from a file saved in RViz.
+
+    Args:
+        path: YAML with `waypoints`, as Nav2's panel saves them.
+
+    Returns:
+        Start and goal by name of the route.
+
+    Raises:
+        BarnError: If the file cannot be read or has fewer than two waypoints.
+    """
+    content = as_mapping(parse_yaml(read_bytes(path, LARGEST_YAML), str(path)))
+    entries = as_mapping(content.get("waypoints"))
+    if len(entries) < 2:
+        raise WorldError(
+            f"{path}: must have two waypoints or more, as Nav2's panel in RViz saves "
+            "them; of other files, such as graphs, write the routes into the map's: "
+            "routes: {name: {start: [x, y, yaw], goal: [x, y]}}"
+        )
+    poses = {}
+    for name, entry in entries.items():
+        waypoint = from_dict(Waypoint, as_mapping(entry), f"{path}: {name!s:.60}")
+        poses[name] = waypoint.numbers
+    return {
+        f"{first} to {last}": {"start": poses[first], "goal": poses[last]}
+        for first, last in pairwise(poses)
+    }
+
+
 def read_route_names(path: Path) -> list[str]:
     """Return the names of the routes in a map's .yaml file, in its order.
 
@@ -183,11 +249,13 @@ def read_route_names(path: Path) -> list[str]:
     """
     try:
         content = parse_yaml(read_bytes(path, LARGEST_YAML), str(path))
+        routes = as_mapping(content).get("routes")
+        if isinstance(routes, str):
+            routes = read_legs(path.parent / routes)
     except BarnError:
         # It is refused by name as soon as it is used.
         return []
-    routes = content.get("routes") if isinstance(content, dict) else None
-    return list(routes) if isinstance(routes, dict) else []
+    return list(as_mapping(routes))
 
 
 def read_map(path: Path, map_file: MapFile | None = None) -> OccupancyMap:

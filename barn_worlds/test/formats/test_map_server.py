@@ -17,6 +17,7 @@ from barn_worlds.formats.map_server import (
     filled_cells,
     read_map,
     read_map_file,
+    read_route_names,
     write_map,
 )
 from barn_worlds.formats.single import read_world
@@ -279,6 +280,37 @@ def test_any_other_map_is_taken_as_it_is_in_its_place(tmp_path):
 def test_malformed_descriptions_are_refused(tmp_path, change, message, refused):
     with refused(WorldError, message):
         read_map(save(tmp_path, YAML.replace(*change)))
+
+
+LEGS = """waypoints:
+  waypoint0: {pose: [1.0, 2.0, 0.0], orientation: [1, 0, 0, 0]}
+  waypoint1: {pose: [3.0, 2.0, 0.0], orientation: [0.5, 0, 0, 0.5]}
+  waypoint2: {pose: [3.0, 5.0, 0.0], orientation: [0, 0, 0, 1]}
+"""
+
+
+def test_waypoints_saved_in_rviz_are_routes_from_each_to_the_next(tmp_path, refused):
+    path = save(tmp_path, YAML + "routes: legs.yaml\n")
+    legs = tmp_path / "legs.yaml"
+    legs.write_text(LEGS)
+    names = ["waypoint0 to waypoint1", "waypoint1 to waypoint2"]
+    assert read_route_names(path) == names
+    routes = read_map_file(path).routes
+    assert routes[names[0]].start == (1.0, 2.0, 0.0)
+    assert routes[names[1]].start == pytest.approx((3.0, 2.0, np.pi / 2))
+    assert routes[names[0]].goal == routes[names[1]].start
+
+    with refused(WorldError, "is no map; name it .*: routes: legs.yaml"):
+        read_map_file(legs)
+    for text, message in (
+        ("{type: FeatureCollection, features: []}", "must have two waypoints or more"),
+        (LEGS.replace("[0, 0, 0, 1]", "[0, 0, 0, 0]"), "orientation must not be all 0"),
+        (LEGS.replace("[0, 0, 0, 1]", "[0, 1]"), "waypoint2.*orientation must"),
+    ):
+        legs.write_text(text)
+        assert read_route_names(path) == []
+        with refused(WorldError, message):
+            read_map_file(path)
 
 
 FLOATING = io.BytesIO()
