@@ -99,9 +99,9 @@ class Waypoint(Checked):
 
     @property
     def numbers(self) -> tuple[float, float, float]:
-        """x and y in m and yaw in rad."""
-        w, *axis = self.orientation
-        rotation = quaternion_matrix(*axis, w)
+        """X and y in m and yaw in rad."""
+        w, x, y, z = self.orientation
+        rotation = quaternion_matrix(x, y, z, w)
         pose = Transform(np.array(self.pose), rotation)
         return *self.pose[:2], pose.yaw_rad
 
