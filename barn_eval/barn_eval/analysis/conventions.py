@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from datetime import datetime
 from pathlib import Path
 
@@ -32,6 +32,20 @@ CONVENTIONS = {
     name: from_dict(Convention, content, f"conventions.yaml: {name}")
     for name, content in read_package_yaml("barn_eval", "conventions.yaml").items()
 }
+
+
+_COLUMNS = (
+    "rank",
+    "planner",
+    "courses",
+    "attempts",
+    "late",
+    "count",
+    "time [s]",
+    "time over reference",
+)
+# Rows by data set and number of their world.
+_Courses = dict[tuple[str, int], list[TrialResult]]
 
 
 @dataclass(frozen=True)
@@ -85,45 +99,27 @@ def rank_by_convention(paths: Sequence[Path], convention: Convention) -> list[Pl
     return places
 
 
-def convention_table(
-    places: Sequence[Place], name: str, convention: Convention
-) -> TextTable:
+def convention_table(places: Sequence[Place], name: str) -> TextTable:
     """Return places as a table, the best first.
 
     Args:
         places: The planners.
         name: Name of the convention.
-        convention: What counts.
     """
-    counts = "all trials count"
-    if convention.best:
-        counts = f"the {convention.best} fastest successes at each course count"
-    columns = ["rank", "planner", "courses", "attempts", "count", "time [s]"]
-    if convention.window_s:
-        columns.insert(4, f"after {convention.window_s / 60.0:g} min")
-    if convention.reference:
-        columns.append(f"time over {convention.reference}'s")
     rows = []
     for rank, place in enumerate(places, 1):
-        cells = [rank, place.planner, place.courses, place.attempts, place.counted]
-        if convention.window_s:
-            cells.insert(4, "unknown" if place.late is None else place.late)
-        cells.append(_text(place.time_s, 1))
-        if convention.reference:
-            cells.append(_text(place.over_reference, 2))
-        rows.append(tuple(map(str, cells)))
-    title = f"convention {name}: {counts}"
-    return TextTable("convention", title, tuple(columns), tuple(rows), texts=2)
+        cells = [str(rank), place.planner]
+        for value in astuple(place)[1:]:
+            text = f"{value:.2f}" if isinstance(value, float) else str(value)
+            cells.append("-" if value is None else text)
+        rows.append(tuple(cells))
+    title = f"by the convention {name}; late: - where rows do not say when they began"
+    return TextTable("convention", title, _COLUMNS, tuple(rows), texts=2)
 
 
-def _text(value: float | None, digits: int) -> str:
-    """Return a number, or "-" for an unknown one."""
-    return "-" if value is None else f"{value:.{digits}f}"
-
-
-def _by_course(rows: Rows) -> dict[tuple[str, int], list[TrialResult]]:
+def _by_course(rows: Rows) -> _Courses:
     """Return rows by data set and number of their world."""
-    courses: dict[tuple[str, int], list[TrialResult]] = {}
+    courses: _Courses = {}
     for row in rows:
         courses.setdefault((row.dataset, row.world), []).append(row)
     return courses
@@ -131,36 +127,34 @@ def _by_course(rows: Rows) -> dict[tuple[str, int], list[TrialResult]]:
 
 def _place(
     planner: str,
-    courses: dict[tuple[str, int], list[TrialResult]],
+    courses: _Courses,
     convention: Convention,
     references_s: dict[tuple[str, int], float],
 ) -> Place:
     """Return what counts of one planner's trials."""
-    late: int | None = 0
+    attempts = sum(map(len, courses.values()))
+    timely_attempts = 0
     counted = 0
     means_s = []
     ratios = []
     for course, rows in courses.items():
         timely = select_timely(rows, convention.window_s)
-        if timely is None:
-            timely = rows
-            late = None
-        elif late is not None:
-            late += len(rows) - len(timely)
+        timely_attempts += len(timely)
         times_s = [row.scores.scored_time_s for row in timely]
         if convention.best:
             times_s = sorted(_successes_s(timely))[: convention.best]
-        if not times_s:
-            continue
-        counted += len(times_s)
-        means_s.append(float(np.mean(times_s)))
-        if course in references_s:
-            ratios.append(means_s[-1] / references_s[course])
+        if times_s:
+            counted += len(times_s)
+            means_s.append(float(np.mean(times_s)))
+            ratios.append(means_s[-1] / references_s.get(course, math.nan))
+    is_known = all(
+        row.wall_clock.started_at for rows in courses.values() for row in rows
+    )
     return Place(
         planner,
         len(courses),
-        sum(map(len, courses.values())),
-        late,
+        attempts,
+        attempts - timely_attempts if is_known else None,
         counted,
         _mean(means_s),
         _mean(ratios),
@@ -179,24 +173,21 @@ def _successes_s(rows: Rows) -> list[float]:
     return [row.scores.scored_time_s for row in rows if row.scores.success]
 
 
-def select_timely(rows: Rows, window_s: float) -> Rows | None:
-    """Return the rows whose trials ended in the window; None if that is unknown.
+def select_timely(rows: Rows, window_s: float) -> Rows:
+    """Return the rows whose trials ended in the window, or do not say when they began.
 
     Args:
         rows: Attempts of one planner at one course.
         window_s: Time from the start of the first; 0 for no limit.
     """
-    if not window_s:
-        return rows
-    if not all(row.wall_clock.started_at for row in rows):
-        return None
-    starts_s = []
+    starts_s = {}
     for row in rows:
-        start = datetime.fromisoformat(row.wall_clock.started_at)
-        starts_s.append(start.timestamp())
-    end_s = min(starts_s) + window_s
+        if window_s and row.wall_clock.started_at:
+            start = datetime.fromisoformat(row.wall_clock.started_at)
+            starts_s[row.trial_id] = start.timestamp()
     timely = []
-    for row, start_s in zip(rows, starts_s, strict=True):
-        if start_s + row.wall_clock.duration_s <= end_s:
+    for row in rows:
+        end_s = starts_s.get(row.trial_id, -math.inf) + row.wall_clock.duration_s
+        if not starts_s or end_s <= min(starts_s.values()) + window_s:
             timely.append(row)
     return timely

@@ -61,7 +61,7 @@ def command(
             raise click.UsageError("--convention takes no --by, --out and --worlds")
         rules = CONVENTIONS[convention]
         places = rank_by_convention(folders, rules)
-        table = convention_table(places, convention, rules)
+        table = convention_table(places, convention)
         content = {"convention": as_dict(rules), "places": list(map(as_dict, places))}
         print_output(as_json, content, rich_table(table))
         return
