@@ -150,3 +150,14 @@ def test_the_page_leads_from_an_empty_machine_to_a_workspace():
     nodes = chain(*(parse(path).iter() for path in ROOT.glob("barn_*/package.xml")))
     texts = {node.text for node in nodes if node.text}
     assert keys == {text for text in texts if text.startswith("python3-")}
+
+
+def test_one_submission_that_does_not_hold_does_not_freeze_the_board():
+    jobs = yaml.safe_load(OTHERS[0].read_text())["jobs"]
+    (upload,) = (
+        step
+        for step in jobs["verify"]["steps"]
+        if "upload-pages-artifact" in step.get("uses", "")
+    )
+    for part in (upload, jobs["publish"]):
+        assert "!cancelled() && github.event_name == 'push'" in part["if"]

@@ -28,8 +28,8 @@ def predict(
     Returns:
         A row per world: world, name, difficulty_s_per_m (time per meter of path that
         trials under the paper's protocol take on average), std_s_per_m (standard
-        deviation of trials in a new world around it), the same per planner as
-        PLANNER_s_per_m, and failure_probability.
+        deviation of trials in a new world around it), and difficulty_s_per_m per planner
+        as PLANNER_s_per_m.
 
     Raises:
         BarnError: If a world or the weights cannot be read.

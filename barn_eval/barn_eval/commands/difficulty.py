@@ -45,13 +45,12 @@ def predict(source: str, select: str, weights: Path | None, as_json: bool) -> No
         numbers = [
             f"{prediction[column]:.2f}" for column in (*_COLUMNS, *planner_columns)
         ]
-        failures = f"{100.0 * prediction['failure_probability']:.0f}"
-        rows.append((prediction["name"], *numbers, failures))
+        rows.append((prediction["name"], *numbers))
     headings = [
         f">{column.removesuffix('_s_per_m')} [s/m]" for column in planner_columns
     ]
     print_output(
         as_json,
         {"source": name, "about": dict(model.about), "worlds": predictions},
-        table(("world", ">difficulty [s/m]", ">+-", *headings, ">failures [%]"), rows),
+        table(("world", ">difficulty [s/m]", ">+-", *headings), rows),
     )

@@ -155,11 +155,9 @@ class Prediction:
     # Standard deviation to expect of what trials in a new world give around it.
     std_s_per_m: float
     per_planner_s_per_m: dict[str, float]
-    # Of a trial.
-    failure_probability: float
 
     def columns(self) -> dict[str, float]:
-        """Return difficulty, std, planners' times and failures as a dict of columns."""
+        """Return difficulty, std and planners' times as a dict of columns."""
         planners = {
             f"{planner}_s_per_m": value
             for planner, value in self.per_planner_s_per_m.items()
@@ -168,7 +166,6 @@ class Prediction:
             "difficulty_s_per_m": self.difficulty_s_per_m,
             "std_s_per_m": self.std_s_per_m,
             **planners,
-            "failure_probability": self.failure_probability,
         }
 
 
@@ -176,7 +173,8 @@ class Prediction:
 class DifficultyModel:
     """The mean of some networks."""
 
-    # The networks give their times, followed by their shares of failures.
+    # The networks give their times, followed by their shares of failures, which are far
+    # too low in the hardest worlds to be shown.
     planners: tuple[str, ...]
     networks: tuple[RouteNetwork, ...]
     # Of unseen worlds about the prediction, beyond the networks' disagreement.
@@ -185,7 +183,7 @@ class DifficultyModel:
     about: Mapping[str, Any]
 
     def predict(self, world: World) -> Prediction:
-        """Return a world's predicted times (s/m) and failures; WorldError for an arena.
+        """Return a world's predicted times (s/m); WorldError for an arena.
 
         A path that meets the C-space is a WorldError as well.
         """
@@ -213,7 +211,6 @@ class DifficultyModel:
         std = np.hypot(spread, self.relative_std * difficulty)
         count = len(self.planners)
         times = np.maximum(outputs[:, :count], _QUICKEST_S_PER_M)
-        failures = np.clip(outputs[:, count:], 0.0, 1.0)
         return [
             Prediction(
                 difficulty_s_per_m=float(difficulty[row]),
@@ -221,7 +218,6 @@ class DifficultyModel:
                 per_planner_s_per_m=dict(
                     zip(self.planners, times[row].tolist(), strict=True)
                 ),
-                failure_probability=float(failures[row].mean()),
             )
             for row in range(len(inputs))
         ]
