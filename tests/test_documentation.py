@@ -40,6 +40,7 @@ WORDS = {
     "fairness": 1400,
     "fidelity": 1150,
     "hard_worlds": 500,
+    "ideal_robot": 300,
     "learning": 1000,
     "metrics": 950,
     "mutation": 220,

@@ -8,8 +8,10 @@ import re
 import shlex
 import subprocess
 from itertools import chain
+from pathlib import Path
 from xml.etree.ElementTree import parse
 
+import audit
 import pytest
 import yaml
 from test_docker import FILES, SUITE
@@ -127,6 +129,18 @@ def test_the_locks_of_users_have_the_releases_of_the_lock(lock):
 def test_every_file_of_a_lock_has_its_hash(path):
     for package in re.split(r"\n(?=[\w.-]+(?:\[|==))", path.read_text()):
         assert re.match(r"[^\n]*==[^\n]* \\\n +--hash=sha256:\w{64}", package), package
+
+
+def test_the_audit_asks_for_every_package_of_the_locks():
+    def releases(locks):
+        pins = set().union(*(pins_of(lock) for lock in locks))
+        return {pin.partition(" ;")[0] for pin in pins}
+
+    locks = {path.stem for path in (ROOT / "requirements").glob("*.lock")}
+    audited = {Path(name).stem for name in audit.LOCKS if name.endswith(".lock")}
+    assert audited < locks
+    assert releases(locks) <= releases(audited)
+    assert "requirements/torch.in" in audit.LOCKS
 
 
 def test_images_of_ros_are_pinned_by_one_digest():
