@@ -6,7 +6,8 @@ The table of docs/ideal_robot.md.
     python qa/studies/ideal_robot.py out/one_ideal out/one_tire --csv docs/ideal_robot.csv
 
 Runs whose names begin alike, up to the first _, are of one speed class. Each planner is
-compared with itself in the first of them, by pairs of trials in the same world.
+compared with itself in the first of them, by pairs of trials in the same world. A run
+may be of fewer worlds than the first.
 """
 
 import csv
@@ -101,7 +102,8 @@ def results_table(trials: Sequence[Trial]) -> str:
             success = 100.0 * (1.0 - values.failures.mean())
             change = ["", ""]
             if base is not values:
-                test = difference(values, base)
+                shared = np.flatnonzero(np.isin(base.worlds, values.worlds))
+                test = difference(values, base.at(shared))
                 p = f"{test.p:.3f}" if test.p >= 0.001 else "< 0.001"
                 change = [test.interval.text(1), p]
             cells = [f"`{run}`", f"{success:.0f}", values.mean().text(1), *change]
