@@ -23,8 +23,7 @@ from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.sources import read_source
 from barn_eval.analysis.statistics import TrialValues, difference
 from barn_worlds.base.errors import BarnError
-from barn_worlds.base.files import write_bytes
-from barn_worlds.base.text_files import markdown_table
+from barn_worlds.base.files import markdown_table, write_bytes
 
 
 @dataclass(frozen=True)
