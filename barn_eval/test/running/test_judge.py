@@ -260,6 +260,11 @@ def without(*names):
             {"pose": "/tf:a.b"},
             "on /tf:a.b .tf has .*odom to bas",
         ),
+        (
+            kept,
+            {"pose": "/tf:map.base_link"},
+            "other frames are between: --pose /tf:map.odom.base_link",
+        ),
         (kept, {"pose": "/scan"}, "no poses of a robot on /scan"),
         (
             kept,

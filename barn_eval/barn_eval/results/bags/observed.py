@@ -1,5 +1,6 @@
 """What a bag of anybody's tells of a robot: readings, scans, commands and goals."""
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -85,12 +86,32 @@ def read_observed_drive(path: Path, sources: Sources) -> ObservedDrive:
         if sources.frames:
             links = sorted(f"{parent} to {child}" for parent, child in reader.links)
             reason = f"tf has {', '.join(links) or 'no frames'}"
+            chain = _find_chain(reader.links, sources.frames)
+            if chain:
+                reason = f"other frames are between: --pose /tf:{'.'.join(chain)}"
         raise BagError(f"{path}: no poses of a robot on {reader.name} ({reason})")
     drive.frame = reader.frame
     drive.trial = metadata(bag, "barn.trial", "specification")
     if not any(pose.content.stamp_ns for pose in drive.poses):
         drive.clock = "log"
     return drive
+
+
+def _find_chain(links: Iterable[tuple[str, str]], frames: Sequence[str]) -> list[str]:
+    """Return all frames from the first to the last of some, [] if nothing joins them.
+
+    Args:
+        links: Frames of tf, parent and child.
+        frames: The first and the last are joined.
+    """
+    parents = {child: parent for parent, child in links}
+    chain = [frames[-1]]
+    # Frames in a circle would lead nowhere.
+    while chain[0] != frames[0] and len(chain) <= len(parents):
+        if chain[0] not in parents:
+            return []
+        chain.insert(0, parents[chain[0]])
+    return chain if chain[0] == frames[0] else []
 
 
 def _take_message(
