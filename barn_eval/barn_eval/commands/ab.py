@@ -30,13 +30,15 @@ from barn_worlds.base.errors import ExitCode
     help="Starts the planner of a workspace or a file.",
 )
 @click.option(
-    "--worlds", default="0:300:3", help="Which, at most; it stops earlier where it can."
+    "--worlds",
+    default="0:300:3",
+    help="Worlds to use at most; stops once the result is clear.",
 )
 @run_option
 @folder_option(
     "--out",
     default="out/ab",
-    help="Folder of all that was driven, kept for next time.",
+    help="Folder of all trials, kept for next time.",
 )
 @json_option
 def command(
@@ -48,12 +50,12 @@ def command(
     out: Path,
     as_json: bool,
 ) -> int:
-    """Drive BASE and HEAD through the same worlds until one is clearly better, or neither would hardly become so.
+    """Drive BASE and HEAD through the same worlds until one is significantly better, or that has become unlikely.
 
     Each is a workspace (its folder or setup.bash) or a file of ROS parameters, for
     --planner-command; a planner of the suite with settings, such as
-    dwa,dwa.path_weight=0.6; a file as for barn run; or a command. What has not changed
-    since is not driven again. Prints Markdown for a pull request. Exit code 4 if HEAD
+    dwa,dwa.path_weight=0.6; a file as for barn run; or a command. A side that has not
+    changed is not driven again. Prints Markdown for a pull request. Exit code 4 if HEAD
     is worse.
     """
     # What --run gives wins: it may name the same keys as the options.

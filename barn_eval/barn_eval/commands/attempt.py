@@ -45,9 +45,9 @@ if TYPE_CHECKING:
 def command(as_json: bool, **planner: str | None) -> int:
     """Start a planner beside a simulator, and say what it lacks for trials.
 
-    COMMAND starts it, as in `barn run --planner-command`. It takes ten seconds: the
-    modules that it imports, its topics, a goal, scans, and its first commands. The last
-    line printed is the `barn run` to type.
+    COMMAND starts it, as in `barn run --planner-command`. In ten seconds, this checks
+    the modules that it imports, its topics and its first commands. The last line printed
+    is the `barn run` to type.
     """
     options = {"mode": "ros", "worlds": "0", **planner}
     if not any((planner["planner_command"], planner["planner_package"])):

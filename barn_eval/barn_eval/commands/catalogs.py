@@ -35,7 +35,7 @@ from barn_worlds.robots.files import ROBOTS, load_robot
 @file_option("--out", help="Draw it from above, as .png, .svg or .pdf.")
 @json_option
 def robots(robot: str | None, out: Path | None, as_json: bool) -> None:
-    """List the robots that come with the suite, or show all numbers of ROBOT, a name or a YAML file, with sources."""
+    """List the robots of the suite, or show all numbers of ROBOT (a name or a YAML file) with their sources."""
     if robot is None:
         if out is not None:
             raise click.UsageError("--out needs ROBOT")
@@ -85,7 +85,7 @@ def planners(planner: str | None, as_json: bool) -> None:
 @click.argument("name", type=PROTOCOL, required=False)
 @json_option
 def protocols(name: str | None, as_json: bool) -> None:
-    """List the protocols of the suite, or show all rules of one by its NAME or from a YAML file."""
+    """List the protocols of the suite, or show all rules of NAME, a protocol or a YAML file."""
     if name is None:
         entries = [
             {

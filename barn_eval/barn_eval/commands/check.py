@@ -47,21 +47,20 @@ _SUBMISSION_KEYS = (
 @click.option(
     "--rerun",
     metavar="TRIAL",
-    help="Run a trial again, by its name or number from 1, and compare.",
+    help="Run a trial again with its planner, by name or number from 1, and compare.",
 )
 @count_option(
     "--sample",
-    help="Drive the commands of so many trials again [default: of all].",
+    help="Number of trials whose commands are driven again [default: all].",
 )
 @json_option
 def command(folder: Path, rerun: str | None, sample: int | None, as_json: bool) -> int:
-    """Check the results in FOLDER: nothing is believed, all is computed again.
+    """Check the results in FOLDER by computing them again from the recordings.
 
-    Scores, times, clearances, contacts and outcomes follow from tracks and bags by the
-    referee's own code; the commands, driven again without their planner, must give the
-    recorded trajectory. Rows, tables, worlds and configuration must belong
-    together. FOLDER is of a run, finished or not. Exit code 1 if anything is
-    wrong, with a line for each.
+    The referee's code computes scores, times, clearances, contacts and outcomes from
+    tracks and bags. The commands, driven again without their planner, must give the
+    recorded trajectory. Rows, tables, worlds and configuration must match. The run may
+    be unfinished. Exit code 1, with a line for each fault, if anything does not hold.
     """
     with _findings_in(folder / RUN_FILE, "checking"):
         check = check_folder(folder, sample=sample)
@@ -116,15 +115,15 @@ def print_check(check: FolderCheck) -> None:
 
 @click.command("submit")
 @folder_argument
-@file_option("--out", help="File to write [default: the folder's name, .barn.zip].")
+@file_option("--out", help="File to write [default: FOLDER.barn.zip].")
 @click.option(
     "--container",
     default="",
     metavar="DIGEST",
-    help="Of the image that the planner ran in, sha256:...",
+    help="Digest of the image that the planner ran in, sha256:...",
 )
 def submit(folder: Path, out: Path | None, container: str) -> None:
-    """Write the results in FOLDER, once they have been checked, as one file that `barn verify` checks anywhere.
+    """Check the results in FOLDER and write them as one file that `barn verify` checks anywhere.
 
     It holds rows, tracks, commands, parameter files, versions and machine.
     """
@@ -140,15 +139,15 @@ def submit(folder: Path, out: Path | None, container: str) -> None:
 @click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @folder_option(
     "--out",
-    help="Folder to unpack into what holds, such as for `barn leaderboard`.",
+    help="Folder for verified results, such as for `barn leaderboard`.",
 )
 @json_option
 def verify(file: Path, out: Path | None, as_json: bool) -> None:
     """Check a FILE of `barn submit` as `barn check` does, on any machine with the same release.
 
-    Every score is computed and every trial is driven again from its commands. What
-    cannot be is wrong here, too. Exit code 1 if anything is, with a line for each, and
-    then --out is not written.
+    Recomputes every score and drives every trial again from its commands. Anything that
+    cannot be checked counts as a failure. Exit code 1, with a line for each failure; then
+    --out is not written.
     """
     # What does not hold must not be left in a folder that others then rank.
     with TemporaryDirectory() if out is None else create_folder(out) as folder:

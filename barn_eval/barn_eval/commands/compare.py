@@ -49,7 +49,7 @@ from barn_worlds.base.errors import ExitCode
 )
 @file_option(
     "--latex",
-    help="Write the planners as a table of a paper, the best in bold.",
+    help="Write a table of the planners for a paper, the best in bold.",
 )
 @click.option(
     "--fail-if-worse",
@@ -68,17 +68,16 @@ def command(
     margin_texts: tuple[str, ...],
     as_json: bool,
 ) -> int:
-    """Compare A with B: folders of runs, finished or not. Without B, the planners of A with each other.
+    """Compare A with B, folders of runs, finished or not; without B, the planners of A with each other.
 
     A table takes the place of a folder: a CSV file with the columns planner, world,
     outcome and, where known, repetition and time, or out.txt of the BARN Challenge.
 
-    FOLDER:PLANNER chooses one of several planners, FOLDER:PLANNER,PLANNER some. Where
-    both folders hold several and none is chosen, planners of the same name are
-    compared.
+    FOLDER:PLANNER chooses one of several planners, FOLDER:PLANNER,PLANNER some. If both
+    folders hold several and you choose none, planners of the same name are compared.
 
     With --fail-if-worse, the exit code is 4 if B is worse than A by more than a margin,
-    5 if that is neither shown nor ruled out at 95 %.
+    and 5 if the data do not decide it at 95 %.
     """
     measures = require_measures(split_names(columns))
     margins = [Margin.parse(text) for text in margin_texts]
@@ -131,12 +130,12 @@ _ABOVE_ZERO = click.FloatRange(0.0, min_open=True)
 @click.option(
     "--half-width",
     type=_ABOVE_ZERO,
-    help="Half the 95 % interval wanted of a mean [default: 5 % of it].",
+    help="Wanted half-width of the 95 % interval of a mean [default: 5 % of the mean].",
 )
 @click.option(
     "--difference",
     type=_ABOVE_ZERO,
-    help="Difference of two planners to be found 8 times in 10 [default: 5 % of the"
+    help="Difference of two planners to detect 8 times in 10 [default: 5 % of the"
     " first one's mean].",
 )
 @click.option(
@@ -155,10 +154,10 @@ def precision(
     repetitions: int | None,
     as_json: bool,
 ) -> None:
-    """Say how many worlds a wanted precision needs, from the results in FOLDER.
+    """Say how many worlds you need for a precision, from the results in FOLDER.
 
     FOLDER:PLANNER, or FOLDER:PLANNER,PLANNER, chooses one or two of several planners.
-    Wanted values are in the unit of the measure, of success as a share such as 0.05.
+    Values are in the unit of the measure; for success, a share such as 0.05.
     """
     _, rows_by_planner = read_selection(folder)
     estimate = estimate_precision(

@@ -27,7 +27,7 @@ _MOST_ROWS = 10
 
 @click.group("course")
 def command() -> None:
-    """Build a world for real: a plan of it, and where its obstacles truly stand."""
+    """Plan a world to build it on a floor, and survey where its obstacles stand."""
 
 
 def _load(dataset: str, number: int) -> World:
@@ -39,8 +39,8 @@ def _load(dataset: str, number: int) -> World:
 @click.argument("world", type=int)
 @dataset_option(help="Data set, or file, that has the world.")
 @file_option("--out", default="plan.pdf", help="The plan (PDF).")
-@click.option("--box", type=float, help="Build it of boxes with sides of so many m.")
-@click.option("--post", type=float, help="Build it of posts, so many m in diameter.")
+@click.option("--box", type=float, help="Build it of boxes with this side [m].")
+@click.option("--post", type=float, help="Build it of posts with this diameter [m].")
 @parameters_option("--set", "config", "Of the plan", PlanConfig())
 @course_option
 @robot_option
@@ -54,7 +54,7 @@ def plan(
     course: tuple[float, ...] | None,
     robot: str,
 ) -> None:
-    """Write a plan to build WORLD by: coordinates, counts, tapes, tiles to scale."""
+    """Write a plan for building WORLD: coordinates, counts, tapes, and tiles to scale."""
     if box is not None and post is not None:
         raise click.UsageError("--box and --post exclude each other")
     if box is not None:
@@ -68,7 +68,13 @@ def plan(
 
 @command.command()
 @path_argument("bag")
-@click.option("--world", "number", type=int, required=True, help="What was built.")
+@click.option(
+    "--world",
+    "number",
+    type=int,
+    required=True,
+    help="Number of the world that was built.",
+)
 @dataset_option(help="Data set, or file, that has the world.")
 @file_option("--out", help=f"Write the world as built (NAME{ENDING}), for barn run.")
 @course_option
@@ -77,7 +83,7 @@ def plan(
     "--tolerance",
     default=0.02,
     type=click.FloatRange(0.001, 0.1),
-    help="Standard deviation of misplacements that is expected [m].",
+    help="Expected standard deviation of misplacements [m].",
 )
 @json_option
 def survey(
@@ -90,7 +96,7 @@ def survey(
     tolerance: float,
     as_json: bool,
 ) -> None:
-    """Say where the obstacles of a built world truly stand, by the scans of a drive in BAG.
+    """Locate the obstacles of a built world from the scans of a drive in BAG.
 
     Positions are relative to each other; the course as a whole lies where the bag's true
     poses say, or else where it fits the plan best. What is unsure is named, and stands

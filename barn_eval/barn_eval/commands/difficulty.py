@@ -22,8 +22,8 @@ _COLUMNS = ("difficulty_s_per_m", "std_s_per_m")
 def command() -> None:
     """Predict how difficult worlds are.
 
-    Difficulty is the normalized time of trials: seconds per meter of path, failures as
-    they count, averaged over planners and repetitions.
+    Difficulty is the time of trials per meter of path, with the protocol's penalty for
+    failures, averaged over planners and repetitions.
     """
 
 
@@ -33,7 +33,7 @@ def command() -> None:
 @file_option("--weights", help="Weights [default: the shipped ones].")
 @json_option
 def predict(source: str, select: str, weights: Path | None, as_json: bool) -> None:
-    """Predict how difficult the worlds of SOURCE are: a data set, a folder or a file, maps of one's own included."""
+    """Predict how difficult the worlds of SOURCE are: a data set, a folder or a file, also of your own maps."""
     model, name, predictions = predict_rows(source, select, weights)
     planner_columns = []
     # Each model knows its own planners, so columns come from the prediction.

@@ -49,7 +49,7 @@ def command(
     """Judge trials that somebody else ran, from BAGS, and write ordinary results.
 
     A bag is a rosbag2 folder or file (MCAP, SQLite, also compressed) or of ROS 1. Each
-    goal in it begins a trial. What a bag does not tell is empty, not guessed.
+    goal in it begins a trial. What a bag does not tell stays empty.
     """
     options = {name: value for name, value in values.items() if value is not None}
     with notes.status("judging"):

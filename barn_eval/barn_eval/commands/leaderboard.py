@@ -29,14 +29,16 @@ from barn_worlds.base.config import as_dict
 @click.option(
     "--by",
     type=click.Choice(tuple(RANKINGS)),
-    help="What is ranked by [default: the protocol's metric].",
+    help="Measure to rank by [default: the protocol's metric].",
 )
 @path_option(
     "--out",
     multiple=True,
     help="File ending in .md or .html, repeatable [default: printed].",
 )
-@click.option("--worlds", default="all", help="Only these, such as 0-49.")
+@click.option(
+    "--worlds", default="all", help="Rank by these worlds only, such as 0-49."
+)
 @click.option(
     "--convention",
     type=click.Choice(tuple(CONVENTIONS)),
@@ -53,7 +55,7 @@ def command(
 ) -> None:
     """Rank the planners of FOLDERS of runs.
 
-    Planners that cannot be told apart share a rank. Each protocol and set of worlds has
+    Planners whose difference is not significant share a rank. Each protocol and set of worlds has
     a board of its own.
     """
     if convention is not None:

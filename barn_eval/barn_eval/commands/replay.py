@@ -31,13 +31,16 @@ _OPTIONS = JudgeOptions()
     "--camera",
     type=click.Choice(CAMERAS),
     default="top",
-    help="How picture, GIF and film are seen.",
+    help="View of picture, GIF and film.",
 )
 @click.option(
     "--fps", default=10.0, type=click.FloatRange(1.0, 60.0), help="Frames per second."
 )
 @click.option(
-    "--speed", default=2.0, type=click.FloatRange(0.1, 100.0), help="Of GIF and film."
+    "--speed",
+    default=2.0,
+    type=click.FloatRange(0.1, 100.0),
+    help="Speed of GIF and film.",
 )
 @field_option(_OPTIONS, "pose")
 @field_option(_OPTIONS, "goal")
@@ -54,8 +57,8 @@ def command(
     """Draw the trial of a bag: rosbag2 (MCAP or SQLite, folder or file) or ROS 1.
 
     Several BAGS are drawn beside each other on one clock; their page also overlays them
-    and aligns them in progress along the path. Nothing but the bags is needed. One that
-    is cut off is shown as far as it goes.
+    and aligns them in progress along the path. A damaged bag is shown up to where it is
+    cut off.
     """
     # A page or a picture takes no time to draw, but its bags do to read.
     has_frames = any(path.suffix in (".gif", ".mp4") for path in out)

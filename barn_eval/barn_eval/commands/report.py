@@ -101,4 +101,4 @@ def command(
     if assets:
         print_notes(f"figures and tables in {assets_folder}")
     if is_opened and not webbrowser.open(out.absolute().as_uri()):
-        print_notes(f"no browser to show {out} in")
+        print_notes(f"no browser found to show {out}")

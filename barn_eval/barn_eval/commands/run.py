@@ -141,7 +141,7 @@ _EXECUTION = ExecutionConfig()
     "How it is run, which changes no result but by compute (declared or measured)",
     _EXECUTION,
 )
-@field_option(_EXECUTION, "workers", default="as processors", short="-w")
+@field_option(_EXECUTION, "workers", default="one per processor", short="-w")
 @field_option(_RUN, "bags")
 @folder_option(
     "-o",
@@ -150,17 +150,17 @@ _EXECUTION = ExecutionConfig()
 )
 @file_option(
     "--system",
-    help="Judge a simulator or robot that somebody else runs, as this YAML file says;"
-    " without --planner or --planner-command, somebody else starts the planner, too.",
+    help="Judge a simulator or robot that runs elsewhere, as this YAML file describes;"
+    " without --planner or --planner-command, you start the planner as well.",
 )
 @flag_option(
     "--view",
-    help="Serve the trials to Foxglove, and a page, as they run; needs bags.",
+    help="Show the trials live in Foxglove and on a page; needs bags.",
 )
 @flag_option("--overwrite", help="Remove other results from that folder first.")
 @flag_option(
     "--dry-run",
-    help="Say what would run, how long and how large; run nothing.",
+    help="Show what would run, its time and its disk space; run nothing.",
 )
 @flag_option("--all", "show_all", help="Print trials and all measures as well.")
 @quiet_option
@@ -183,8 +183,8 @@ def command(
 ) -> int:
     """Run trials of one or several planners in worlds and score them.
 
-    Options describe the run; or FILE (YAML) does, and options replace its values. The
-    same command resumes an interrupted run. OUT then holds results.jsonl with a row per
+    Options or FILE (YAML) describe the run; options override the file. The same command
+    resumes an interrupted run. OUT then holds results.jsonl with a row per
     trial, the tables results.parquet and .csv, and bags.
     """
     run_reporter = make_console_reporter(quiet, verbose)
@@ -322,7 +322,7 @@ def _run_settings(
         *board.notes,
         rich_table(sweep_table(board)),
     )
-    print_notes(f"folders of settings in {folder}; barn report {folder} draws them")
+    print_notes(f"settings in {folder}", f"next: barn report {folder}")
     return exit_code(results)
 
 

@@ -46,9 +46,11 @@ _RUN = RunConfig()
     "--planners",
     "--planner",
     type=PLANNER,
-    help="Only trials of these planners, such as dwa,eband.",
+    help="Draw only trials of these planners, such as dwa,eband.",
 )
-@click.option("--outcome", help="Only trials that ended so, such as collision.")
+@click.option(
+    "--outcome", help="Draw only trials with this outcome, such as collision."
+)
 def command(
     worlds: str,
     dataset: str,
@@ -64,8 +66,8 @@ def command(
     """Draw a world, several on one sheet, or trials over one.
 
     WORLDS are numbers in the data set, such as 120, 0:300:60 or all, or a file or
-    folder of worlds. Start, goal and path are those that the Jackal drives by: the
-    world's own, else the challenge's. Moving obstacles are drawn at time 0, with their
+    folder of worlds. Start, goal and path are the world's own, else the challenge's for
+    the Jackal. Moving obstacles are drawn at time 0, with their
     tracks and arrows along them.
     """
     if trials:

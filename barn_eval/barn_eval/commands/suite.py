@@ -35,7 +35,7 @@ from barn_eval.studies.reproduction.findings import ReproduceConfig
 )
 @flag_option(
     "--quick",
-    help="Part of the worlds, spread over their order by difficulty; minutes.",
+    help="Use some of the worlds, spread over their difficulty; takes minutes.",
 )
 @folder_option(
     "--out",
@@ -48,15 +48,14 @@ from barn_eval.studies.reproduction.findings import ReproduceConfig
     type=click.IntRange(0),
     default=0,
     show_default=False,
-    help="Trials at a time [default: as processors].",
+    help="Trials at a time [default: one per processor].",
 )
 @folder_option("--docs", help="Write the page into this folder as well.")
 def reproduce(folders: tuple[Path, ...], physical: bool, **options: Any) -> None:
-    """Run the paper's 3000 trials and write all of it up.
+    """Run the paper's 3000 trials and write a page of the results.
 
     OUT/results.md has Table II, times, failures, Fig. 6 and losses beside the published
-    numbers, OUT/results.json every number. The same command goes on where it was
-    interrupted, in OUT/campaign, and when all is done writes the same bytes again.
+    numbers, OUT/results.json every number. The same command resumes in OUT/campaign.
 
     With --physical, FOLDERS hold trials of a robot or another simulator, as `barn
     judge` writes them; folders of this simulator in the same worlds stand beside them.
@@ -80,8 +79,8 @@ def reproduce(folders: tuple[Path, ...], physical: bool, **options: Any) -> None
 @parameters_option("--set", "settings", "What is measured", suite.BenchSetup())
 @file_option(
     "--against",
-    help="Earlier result of --json from this machine: print how many times as good"
-    " figures are.",
+    help="Earlier result of --json from this machine: print the ratio of each figure"
+    " to it.",
 )
 @json_option
 def bench(
@@ -89,8 +88,7 @@ def bench(
 ) -> None:
     """Measure the speed of the suite on this machine, as ratios that can be followed over time.
 
-    A figure that has become worse by more than its noise is called slower; the exit
-    code stays 0.
+    With --against, figures that are worse by more than their noise are called slower.
     """
     earlier_figures = read_figures(against) if against is not None else []
     # Empty names stay, so that they are refused.

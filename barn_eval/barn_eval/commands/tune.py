@@ -35,9 +35,9 @@ if TYPE_CHECKING:
     default=30,
     help="Settings to try, the default among them.",
 )
-@click.option("--worlds", default="0:300:10", help="Which settings are chosen by.")
+@click.option("--worlds", default="0:300:10", help="Worlds to tune in.")
 @click.option(
-    "--unseen", help="Which the best is judged in [default: up to 100 of the others]."
+    "--unseen", help="Worlds to judge the best in [default: up to 100 others]."
 )
 @click.option(
     "--planner-command",
@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 @folder_option(
     "--out",
     default="out/tune",
-    help="Folder of all that was driven; the same command resumes.",
+    help="Folder of all trials; the same command resumes.",
 )
 @json_option
 def command(
@@ -67,9 +67,9 @@ def command(
 ) -> int:
     """Tune parameters over RANGES: a YAML file, or those of dwa, eband, gap, mppi, nav2_rpp, nav2_dwb or nav2_mppi.
 
-    Settings are chosen by some worlds, and the best is judged by others that it has not
-    seen, against the default. By several measures, those are kept that no other is as
-    good as by each. Parameters ready to use go to OUT.
+    Settings are chosen in some worlds, and the best is compared with the default in
+    others. With several measures, this keeps the Pareto-optimal settings. Parameter
+    files go to OUT.
     """
     # Asked first, so that a missing extra does not look like a bad option.
     if find_spec("optuna") is None:

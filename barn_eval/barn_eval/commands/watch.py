@@ -29,7 +29,10 @@ _LOOK_PERIOD_S = 0.5
 @click.command("watch")
 @folder_argument
 @click.option(
-    "--port", default=PAGE_PORT, type=_PORTS, help="Of the page; 0 takes a free one."
+    "--port",
+    default=PAGE_PORT,
+    type=_PORTS,
+    help="Port of the page; 0 takes a free one.",
 )
 @click.option(
     "--host", default=LOOPBACK, help="Address to serve on; others than loopback see it."
@@ -43,14 +46,13 @@ _LOOK_PERIOD_S = 0.5
     help="Serve the trial that is being recorded to Foxglove as well [default port:"
     f" {LIVE_PORT}].",
 )
-@flag_option("--wait", help="Wait for the folder to be there.")
+@flag_option("--wait", help="Wait until the folder exists.")
 def command(folder: Path, port: int, host: str, live: int | None, wait: bool) -> None:
     """Serve a page that shows how the run in FOLDER stands, until Ctrl-C.
 
-    Progress, who leads, failures as they come, and a replay of each bag, drawn when it
-    is asked for. Everything comes from the files, so that trials may run, have stopped,
-    or run on another machine that shares the folder. The live view needs bags, and
-    foxglove-sdk.
+    It shows progress, who leads, failures, and a replay of each bag on request. The page
+    only reads files, so the run may be finished, or be on another machine that shares the
+    folder. The live view needs bags and foxglove-sdk.
     """
     # It is never set: waiting for it leaves the thread to Ctrl-C.
     forever = threading.Event()

@@ -37,7 +37,7 @@ def command() -> None:
     "--seed",
     default=2020,
     type=click.IntRange(0, 2**62),
-    help="All randomness comes from it.",
+    help="Seed of everything random.",
 )
 @count_option("--per-set", default=25, help="Worlds per parameter set.")
 @parameters_option(
@@ -49,7 +49,7 @@ def command() -> None:
     default=0,
     show_default=False,
     type=click.IntRange(0),
-    help="Keep so many, evenly spread from wide to narrow [default: all].",
+    help="Number of worlds to keep, from wide to narrow [default: all].",
 )
 def generate(
     target: Path,
@@ -83,7 +83,7 @@ def generate(
     "--format",
     "form",
     type=click.Choice(FORMATS),
-    help="What to write [default: npz for TARGET.npz, else original].",
+    help="Format to write [default: npz for TARGET.npz, else original].",
 )
 @worlds_option
 @robot_option
@@ -92,7 +92,7 @@ def convert(
 ) -> None:
     """Read worlds of any known format and write them for the suite or other programs.
 
-    npz is a data set in one file, original the layout of the original data set. sdf
+    npz is a data set in one file; original is the layout of the original data set. sdf
     (current Gazebo), sdf_classic (Gazebo Classic), map (map_server's pgm and yaml),
     yaml and png write a file per world into the folder TARGET.
     """
@@ -149,8 +149,8 @@ def show_list(source: str | None, select: str, as_json: bool) -> None:
 @click.option(
     "--robot",
     type=ROBOT,
-    help="Whose C-space and path are measured: a name or a YAML file [default: the"
-    " worlds' own].",
+    help="Robot whose C-space and path are measured, a name or a YAML file [default:"
+    " the worlds' own].",
 )
 @json_option
 def metrics(
@@ -158,8 +158,8 @@ def metrics(
 ) -> None:
     """Compute the five difficulty metrics of the worlds of SOURCE and their summary, as in the paper's Table II.
 
-    Under protocol challenge they order worlds better than the learned difficulty does,
-    under paper2020 less well.
+    They order worlds better than the learned difficulty under protocol challenge, and
+    less well under paper2020.
     """
     content = worlds.metrics_table(source, select, formula, robot=robot or "")
     headings, rows = content.summary_cells()

@@ -43,7 +43,7 @@ class RewardConfig(Checked):
         -1.0, "for every second in which the collision check changes the command"
     )
     shielded_limit: float = quantity(
-        5.0, "the most that this adds up to in an episode", minimum=0.0
+        5.0, "the most that this costs in an episode", minimum=0.0
     )
     success: float = quantity(10.0, "for reaching the goal")
     collision: float = quantity(

@@ -104,7 +104,7 @@ def parse_commands_line(line: str, where: str) -> tuple[str, Floats]:
     try:
         commands = unpack_arrays(content, _MAX_BYTES).get("commands", np.empty(0))
         if commands.dtype != np.float64:
-            raise ValueError("commands are no numbers of 64 bits")
+            raise ValueError("commands are not 64-bit numbers")
         return trial_id, commands.reshape(-1, 2)
     except ValueError as error:
         raise ConfigError(f"{where}: no commands: {error}") from None

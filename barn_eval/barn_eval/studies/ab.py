@@ -190,7 +190,7 @@ def read_side(
         run_options["planner_command"] = text
     else:
         raise ConfigError(
-            f"{format_value(text)}: is no workspace, file, planner of the suite or"
+            f"{format_value(text)}: is not a workspace, file, planner of the suite or"
             " command"
         )
 

@@ -263,7 +263,7 @@ class RunConfig(Checked):
                 " charges all time"
             )
         if not over_ros and self.ros != RosConfig():
-            raise ConfigError("settings of ros need mode ros")
+            raise ConfigError("the settings of ros need mode ros")
 
     def compute_mode(self, compute: Compute) -> str:
         """Return DECLARED, MEASURED, FREE or REAL_TIME: how computing is charged."""

@@ -219,7 +219,7 @@ def packed(commands):
         ('{"trial_id": 3}', "no commands: trial_id is missing"),
         ('{"trial_id": "a"}', "no commands: holds no packed arrays"),
         (packed(np.zeros(3)), "no commands: cannot reshape"),
-        (packed(np.zeros(4, "f4")), "commands are no numbers of 64 bits"),
+        (packed(np.zeros(4, "f4")), "commands are not 64-bit numbers"),
         (packed(np.zeros(3_000_000)), "cut off, or of more than"),
     ],
 )

@@ -322,7 +322,7 @@ MISTAKES = """
 {planners: [{name: x, command: y, preset: z}]}
     presets and parameters are for
 {ros: {restart_planner: never}}
-    settings of ros need mode ros
+    the settings of ros need mode ros
 {mode: ros, ros: {bags: none}}
     ros.bags is given by bags (--bags)
 {mode: ros, ros: {lockstp: true}}

@@ -42,7 +42,10 @@ class CostmapConfig(Checked):
         0.1, "padding of the footprint on every side", "m", -0.1, 2.0
     )
     inscribed_radius_m: float = quantity(
-        0.0, "cells so near obstacles cost 253; 0: the footprint's", "m", minimum=0.0
+        0.0,
+        "cells within this distance of obstacles cost 253; 0: the footprint's",
+        "m",
+        minimum=0.0,
     )
     inflation_radius_m: float = quantity(
         0.30, "cells further from any obstacle cost nothing", "m", minimum=0.0

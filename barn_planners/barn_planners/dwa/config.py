@@ -89,7 +89,7 @@ class DwaConfig(Checked):
     )
     escape_reset_rad: float = quantity(0.1, "or after this turn", "rad", 0.0, 3.2)
     xy_tolerance_m: float = quantity(
-        0.25, "the goal's position counts as reached within", "m", minimum=0.01
+        0.25, "the goal's position counts as reached within this", "m", minimum=0.01
     )
     yaw_tolerance_rad: float = quantity(
         0.157, "the goal's heading counts as reached within", "rad", minimum=0.001

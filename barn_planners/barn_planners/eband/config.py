@@ -77,7 +77,7 @@ class EBandConfig(Checked):
         "true: bubbles have headings, which count in forces (a quirk)",
     )
     weighs_x_twice: bool = optional(
-        False, "take x twice and no y for a force's strength (a quirk)"
+        False, "compute a force's strength from x twice, never y (a quirk)"
     )
     capacity: int = quantity(4096, "largest number of bubbles", "", 16, 100_000)
 
@@ -105,7 +105,7 @@ class EBandPlannerConfig(NavigationConfig):
 
     prune_m: float = quantity(
         0.0,
-        "drop points of the plan before one nearer than this; 0: none",
+        "drop points of the plan before the first within this distance; 0: none",
         "m",
         minimum=0.0,
     )

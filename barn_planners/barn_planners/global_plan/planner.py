@@ -42,7 +42,7 @@ class GlobalPlanConfig(Checked):
         "true: search and descent are navfn's, which may orbit (a quirk)",
     )
     unfinished_plans: bool = optional(
-        False, "with as_navfn: a path that orbits is a plan (a quirk)"
+        False, "with as_navfn: accept a path that circles as a plan (a quirk)"
     )
     half_cell_offset: bool = quantity(
         True, "true: plans lead through cell centers; false: corners (a quirk)"

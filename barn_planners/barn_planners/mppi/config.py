@@ -120,7 +120,7 @@ class MppiConfig(Checked):
         0.05, "distance between the points of the path", "m", 0.005, 1.0
     )
     xy_tolerance_m: float = quantity(
-        0.25, "the goal's position counts as reached within", "m", minimum=0.01
+        0.25, "the goal's position counts as reached within this", "m", minimum=0.01
     )
     yaw_tolerance_rad: float = quantity(
         0.25, "the goal's heading counts as reached within", "rad", minimum=0.001
@@ -175,7 +175,7 @@ class MppiPlannerConfig(NavigationConfig):
     )
     prune_m: float = quantity(
         0.0,
-        "drop points of the plan before one nearer than this; 0: none",
+        "drop points of the plan before the first within this distance; 0: none",
         "m",
         minimum=0.0,
     )

@@ -63,7 +63,7 @@ class NavigationConfig(LidarMountConfig):
     )
     prune_m: float = quantity(
         1.0,
-        "drop points of the plan before one nearer than this; 0: none",
+        "drop points of the plan before the first within this distance; 0: none",
         "m",
         minimum=0.0,
     )

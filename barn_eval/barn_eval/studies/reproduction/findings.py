@@ -37,7 +37,7 @@ class ReproduceConfig(Checked):
     dataset: str = quantity("barn300", "data set: a name, folder or file")
     strata: int = quantity(
         0,
-        "parts of the order of which one world each is taken, 0 for all",
+        "number of parts of the order, with one world from each; 0: all worlds",
         "",
         0,
         10_000,
