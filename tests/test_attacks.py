@@ -5,6 +5,7 @@ from waiting import run_python
 
 TOOL = ROOT / "qa" / "attacks" / "attacks.py"
 QUICK = ("folder/nudged-trial", "folder/environment*", "verdict/order", "room/*")
+INSIDE = ("answer/*", "again/*", "name/*", "process/*", "folder/delays", "folder/older")
 
 
 def attacks(*arguments):
@@ -16,6 +17,12 @@ def test_quick_attacks_do_not_succeed():
     assert ended.returncode == 0, ended.stdout + ended.stderr
     lines = ended.stdout.splitlines()
     assert len(lines) == 2 * 13 and "SUCCEEDS UNSEEN" not in ended.stdout
+
+
+def test_attacks_from_inside_do_not_succeed():
+    ended = attacks(*(f"--only={pattern}" for pattern in INSIDE))
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    assert ended.stdout.count("\n    ") == 10 and "UNSEEN" not in ended.stdout
 
 
 def test_there_are_thirty_attacks():

@@ -23,7 +23,7 @@ from barn_planners.interface import (
     PlannerView,
     Task,
 )
-from barn_worlds.base.types import Velocity2D, wrap_angle
+from barn_worlds.base.types import STOP, Velocity2D, wrap_angle
 from barn_worlds.datasets.dataset import open_dataset
 
 SHORT = replace(
@@ -132,6 +132,9 @@ class Faulty(Straight):
             "nothing": Decision(None, PlannerStatus.BLOCKED),
             "no decision": "forward",
             "no velocity": Decision((0.5, 0.0)),
+            "no number": Decision(Velocity2D("fast", 0.0)),
+            "no status": Decision(STOP, "fast"),
+            "no plan": Decision(STOP, plan="fast"),
             "stops": Decision(Velocity2D(0.0, 0.0), waiting),
         }
         return answers[self.fault]

@@ -181,8 +181,6 @@ class ResultsFolder:
         # A planner that moves the folder away would have its trials a second time.
         trial_id = record.result.trial_id
         if not is_same:
-            # Whatever drives the trial again will say that it had ended before.
-            self.write_note(LOSSES, trial_id, "its row is lost: the folder was moved")
             raise StoreError(
                 f"{self.path}: is not the folder any more that this run began; somebody"
                 f" moved that, and {trial_id} is lost"

@@ -24,7 +24,7 @@ from barn_eval.trials.trial import (
     finish_trial,
     processor_wait_s,
 )
-from barn_planners.interface import Observation, Planner
+from barn_planners.interface import Observation, Planner, PlannerStatus
 from barn_planners.registry import make_planner
 from barn_planners.runtime.planner_runtime import PlannerRuntime, RuntimeOutput
 from barn_sim.contact.scene import ScenePool
@@ -234,12 +234,7 @@ class _DirectTrial:
             """Run a cycle of the planner and keep the time it took."""
             stopwatch = Stopwatch()
             try:
-                answer = self._runtime.step(observation)
-                if not isinstance(answer.command, (Velocity2D, type(None))):
-                    raise TypeError(
-                        f"command must be a Velocity2D or None, got {answer.command!r}"
-                    )
-                return answer
+                return _make_plain(self._runtime.step(observation))
             # A cycle that raises has taken its time as well.
             finally:
                 self.cycle_times.append(stopwatch.elapsed())
@@ -279,6 +274,29 @@ class _DirectTrial:
         self.cylinders_m[moved.indices] = moved.positions[:, :2]
         if self._bag is not None:
             self._bag.conclude(self.cylinders_m, stamp_ns)
+
+
+def _make_plain(answer: RuntimeOutput) -> RuntimeOutput:
+    """Return an answer whose command, status and plan are copies of plain types.
+
+    A planner's own types could compute or fail when they are read, after its cycle.
+
+    Raises:
+        TypeError: The command is none.
+    """
+    command = answer.command
+    decision = answer.decision
+    if command is not None:
+        if not isinstance(command, Velocity2D):
+            raise TypeError(f"command must be a Velocity2D or None, got {command!r}")
+        command = Velocity2D(float(command.linear), float(command.angular))
+    if decision is not None:
+        plan = decision.plan
+        if plan is not None:
+            plan = np.array(plan, np.float64)
+        status = PlannerStatus(decision.status)
+        decision = replace(decision, status=status, plan=plan)
+    return RuntimeOutput(command, decision)
 
 
 def reference_loop() -> float:

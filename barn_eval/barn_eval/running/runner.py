@@ -2,6 +2,7 @@
 
 from collections import Counter, deque
 from collections.abc import Generator, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from textwrap import indent
 
@@ -23,7 +24,7 @@ from barn_eval.trials.run_config import ExecutionConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import TrajectoryLog
 from barn_eval.trials.trial import finish_trial
-from barn_worlds.base.errors import BarnError, ExitCode
+from barn_worlds.base.errors import BarnError, ExitCode, StoreError
 
 _WAIT_S = 1.0
 
@@ -80,13 +81,21 @@ def run_trials(
         StoreError: If a result cannot be written.
     """
     loop = _Loop(folder, execution, mode, deque(work.jobs(trials)))
-    while loop.waiting or loop.running:
-        while loop.waiting and len(loop.running) < pool.slots:
-            job = loop.waiting.popleft()
-            loop.running[job.key] = job
-            pool.submit(job.key, job)
-        for report in pool.wait(_WAIT_S):
-            yield from loop.take(report)
+    try:
+        while loop.waiting or loop.running:
+            while loop.waiting and len(loop.running) < pool.slots:
+                job = loop.waiting.popleft()
+                loop.running[job.key] = job
+                pool.submit(job.key, job)
+            for report in pool.wait(_WAIT_S):
+                yield from loop.take(report)
+    except BaseException as error:
+        # A planner may break a run off to have a trial again.
+        for job in loop.running.values():
+            reason = f"the run was broken off: {type(error).__name__}"
+            with suppress(StoreError):
+                folder.write_note(LOSSES, job.trials[0].trial_id, reason)
+        raise
 
 
 @dataclass

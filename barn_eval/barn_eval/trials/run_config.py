@@ -250,6 +250,13 @@ class RunConfig(Checked):
                     f"planners names {name!r} twice; give one another name, such as"
                     f" {name}_2={entry}"
                 )
+            # "E-Band" would be taken for the suite's "eband" as well.
+            plain_name = re.sub("[^a-z0-9]", "", name.lower())
+            if not planner.registered and plain_name in planner_names():
+                raise ConfigError(
+                    f"planner {name!r}: is a planner of the suite, without command or"
+                    " source; give yours another name"
+                )
             if planner.source and over_ros:
                 raise ConfigError(
                     f"planner {name!r}: a Python object drives in mode direct only"

@@ -3,7 +3,6 @@
 import errno
 import json
 import os
-import shutil
 from collections import Counter
 from dataclasses import replace
 from functools import cache
@@ -79,13 +78,6 @@ def test_a_folder_that_was_moved_away_takes_no_result(tmp_path):
         out.mkdir()
         with refused("out: is not the folder any more that this run", StoreError):
             folder.append(record(second))
-    # The lost trial is driven again by nobody who does not say so.
-    with refused("is not empty and holds no run"):
-        keep(out, GAP)
-    shutil.copy(tmp_path / "away" / "run.json", out)
-    with ResultsFolder.open(out, GAP, EXECUTION, GAP.trials()) as folder:
-        losses = [folder.count_losses(spec.trial_id) for spec in (first, second)]
-    assert losses == [0, 1]
 
 
 def test_results_are_replaced_only_when_told_to(tmp_path):

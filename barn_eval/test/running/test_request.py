@@ -319,6 +319,10 @@ MISTAKES = """
     planner command must name a program, got ' '
 {planners: a/b}
     planner 'a/b': a name must be 1 to 60 letters
+{mode: ros, planner_command: dwa=mine}
+    planner 'dwa': is a planner of the suite
+{mode: ros, planner_command: E-Band=mine}
+    planner 'E-Band': is a planner of the suite
 {planners: [{name: x, command: y, preset: z}]}
     presets and parameters are for
 {ros: {restart_planner: never}}

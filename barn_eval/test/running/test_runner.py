@@ -3,6 +3,7 @@ does as it is told.
 """
 
 import csv
+import shutil
 from collections import Counter
 from dataclasses import replace
 
@@ -36,6 +37,7 @@ from barn_eval.trials.result import Outcome, Verdict, WallClock
 from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfig
 from barn_eval.trials.trajectory import Trajectory
 from barn_eval.trials.trial import finish_trial
+from barn_worlds.base.errors import StoreError
 
 ENDED_AT = "2026-01-01T00:00:00.000+00:00"
 
@@ -326,3 +328,34 @@ def test_a_job_of_several_trials_resumes_at_the_lost_one(tmp_path, config, specs
     assert results[last].outcome == Outcome.PLANNER_DIED
     assert results[second].wall_clock.attempts == 3
     assert results[specs[0].trial_id].wall_clock.attempts == 1
+
+
+@pytest.mark.parametrize("end", [KeyboardInterrupt, SystemExit, StoreError])
+def test_a_trial_that_breaks_a_run_off_has_had_an_attempt(tmp_path, config, specs, end):
+    """Else a planner that is about to lose would have it again without a trace."""
+
+    def break_off(key, attempt, result):
+        if key == specs[1].trial_id:
+            raise end
+        return result
+
+    with pytest.raises(end):
+        run(tmp_path, config, specs, Scripted(slots=1, fate=break_off))
+    run(tmp_path, config, specs, Scripted(slots=1))
+    rows = {row.trial_id: row for row in read_results(tmp_path)}
+    attempts = [rows[spec.trial_id].wall_clock.attempts for spec in specs]
+    assert attempts == [1, 2, 1, 1, 1, 1, 1, 1]
+
+
+def test_a_trial_whose_folder_was_moved_has_had_an_attempt(tmp_path, config, specs):
+    out = tmp_path / "out"
+
+    def move(key, attempt, result):
+        out.rename(tmp_path / "away")
+        shutil.copytree(tmp_path / "away", out)
+        return result
+
+    with refused("somebody moved that", StoreError):
+        run(out, config, specs, Scripted(slots=1, fate=move))
+    (note,) = (out / "losses").iterdir()
+    assert "broken off: StoreError" in note.read_text()

@@ -238,6 +238,9 @@ def open_dataset(source: str | Path, robot: Robot = STANDARD_ROBOT) -> Dataset:
             f"{source}: has no worlds; their files end in "
             f"{', '.join(single.ENDINGS)} or .npz"
         )
+    if dataset.name in dataset_files():
+        # Its worlds may be others than the suite's.
+        return replace(dataset, name=f"own_{dataset.name}")
     return dataset
 
 

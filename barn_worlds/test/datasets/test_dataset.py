@@ -16,6 +16,7 @@ from barn_worlds.datasets.generate import (
     WorldParameters,
     generate_dataset,
 )
+from barn_worlds.formats.dataset_file import write_dataset_file
 from barn_worlds.formats.npz import encode_npy
 from barn_worlds.formats.original import write_original
 from barn_worlds.formats.sdf import write_sdf
@@ -127,6 +128,14 @@ def test_only_so_many_worlds_are_kept(monkeypatch):
     assert dataset.load(1) is dataset.load(1) and dataset.load(0) is first
     assert dataset.load(2).name == "world_2"
     assert dataset.load(0) is not first and dataset.load(0).checksum == first.checksum
+
+
+def test_no_data_set_takes_the_name_of_one_of_the_suite(worlds, tmp_path):
+    write_original(tmp_path / "barn300", worlds, {})
+    write_dataset_file(tmp_path / "made.npz", "barn300", worlds)
+    for source in ("barn300", "made.npz"):
+        assert open_dataset(tmp_path / source).name == "own_barn300"
+    assert open_dataset("barn300").name == "barn300"
 
 
 def test_checksum_tells_data_sets_apart(layout, worlds, tmp_path):
