@@ -163,7 +163,8 @@ def try_planner(run: RunConfig, goal: Pose2D, logs: Path) -> Attempt:
 
         with _running(planner, environment, logs) as process, _listening() as node:
             view = GraphView(node)
-            graph = _await_graph(process, view, node)
+            processes = len(planner.executable.launched) if planner.executable else 0
+            graph = _await_graph(process, view, node, processes)
             if process.ended:
                 printed = last_lines(process.log)
                 reason = explain_end(choice.command, printed) or printed
@@ -217,10 +218,13 @@ def _listening() -> Iterator[Node]:
         rclpy.try_shutdown()
 
 
-def _await_graph(process: SupervisedProcess, view: GraphView, node: Node) -> Graph:
+def _await_graph(
+    process: SupervisedProcess, view: GraphView, node: Node, processes: int
+) -> Graph:
     """Return the planner's endpoints once it commands and they change no more.
 
-    It returns earlier if the planner ends, and after a limit in any case.
+    It returns earlier if the planner ends, and after a limit in any case. A launch file
+    is waited for until all its processes are there.
     """
     start_s = time.monotonic()
     change_s = start_s
@@ -233,7 +237,8 @@ def _await_graph(process: SupervisedProcess, view: GraphView, node: Node) -> Gra
             change_s = time.monotonic()
         graph = latest
         is_steady = time.monotonic() > change_s + _STEADY_S
-        if is_steady and _choose(CMD_VEL, graph.publishers):
+        is_complete = len({item.participant for item in graph.endpoints}) >= processes
+        if is_steady and is_complete and _choose(CMD_VEL, graph.publishers):
             break
     return graph
 
