@@ -98,8 +98,7 @@ def heading_changes(path: Cells) -> Floats:
     steps = np.diff(path, axis=0)
     headings = np.arctan2(steps[:, 0], steps[:, 1])
     # From -pi to pi.
-    changes: Floats = (np.diff(headings) + math.pi) % (2.0 * math.pi) - math.pi
-    return changes
+    return (np.diff(headings) + math.pi) % (2.0 * math.pi) - math.pi
 
 
 def sharpest_turn(turning: Floats, lengths: Floats, window_m: float) -> float:

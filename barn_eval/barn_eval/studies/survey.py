@@ -268,5 +268,4 @@ def _standard_errors(
     relative = projection @ covariance @ projection.T
     places = np.arange(len(x))
     blocks = relative.reshape(len(x), 2, len(x), 2)[places, :, places]
-    errors_m: Floats = np.sqrt(np.linalg.eigvalsh(blocks)[:, -1])
-    return errors_m
+    return np.sqrt(np.linalg.eigvalsh(blocks)[:, -1])

@@ -59,8 +59,7 @@ class RouteNetwork:
         summary, strips = split_inputs(inputs, self.mean, self.std)
         plain = self._evaluate_side(summary, side_by_side(strips))
         mirrored = self._evaluate_side(summary, side_by_side(mirror_strips(strips)))
-        mean: Floats = 0.5 * (plain + mirrored)
-        return mean
+        return 0.5 * (plain + mirrored)
 
     def _evaluate_side(self, summary: Floats, strips: Floats) -> Floats:
         """Return outputs (n, k) of summaries (n, d), strips (n, SAMPLES, channels)."""
@@ -79,8 +78,7 @@ class RouteNetwork:
         *hidden_layers, (output_weights, output_bias) = self.layers
         for weights, bias in hidden_layers:
             values = np.maximum(values @ weights + bias, 0.0)
-        outputs: Floats = values @ output_weights + output_bias
-        return outputs
+        return values @ output_weights + output_bias
 
 
 def moments(values: Floats) -> tuple[Floats, Floats]:

@@ -33,8 +33,7 @@ def side_lengths(points: AnyArray) -> Floats:
 
 def unit_vectors(angles: AnyArray) -> Floats:
     """Return the unit vectors (n, 2) of directions (n,) in rad."""
-    vectors: Floats = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    return vectors
+    return np.stack([np.cos(angles), np.sin(angles)], axis=1)
 
 
 _Function = TypeVar("_Function", bound=Callable[..., object])

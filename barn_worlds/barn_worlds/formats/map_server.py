@@ -304,8 +304,7 @@ def filled_cells(grid: OccupancyMap) -> BoolGrid:
     Nobody knows that a robot fits where it is unknown. A chance between the thresholds
     (mode scale) is free, as it is to the static layer of Nav2's costmaps.
     """
-    filled: BoolGrid = (grid.data < 0) | (grid.data >= OCCUPIED)
-    return filled
+    return (grid.data < 0) | (grid.data >= OCCUPIED)
 
 
 def select_maps(files: Sequence[Path]) -> list[Path]:

@@ -89,8 +89,7 @@ class PrivateLine:
             _, sent_ns, length = _HEAD.unpack_from(packet)
             end = _HEAD.size + length
             return Reading(packet[_HEAD.size : end].decode(), packet[end:], sent_ns)
-        content: dict[str, Any] | None = json.loads(packet) if packet else None
-        return content
+        return json.loads(packet) if packet else None
 
     def _send(self, packet: bytes) -> None:
         """Send a packet; wait while the line is full, drop it if `waits` is false."""

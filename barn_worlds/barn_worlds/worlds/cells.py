@@ -109,8 +109,7 @@ def hollow_cells(grid: BoolGrid) -> BoolGrid:
     is never hollow.
     """
     free = np.pad(~grid, 1, constant_values=True)
-    inner: BoolGrid = ~configuration_space(free, 3)[1:-1, 1:-1]
-    return inner
+    return ~configuration_space(free, 3)[1:-1, 1:-1]
 
 
 def world_map(

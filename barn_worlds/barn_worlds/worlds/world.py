@@ -169,8 +169,7 @@ class World:
     @cached_property
     def _visible_cells(self) -> Cells:
         """Filled cells (n, 2), hollow ones left out."""
-        cells: Cells = np.argwhere(self.grid & ~geometry.hollow_cells(self.grid))
-        return cells
+        return np.argwhere(self.grid & ~geometry.hollow_cells(self.grid))
 
     def _check_built(self, built_m: object) -> Points:
         """Return a read-only copy of surveyed centers; WorldError if they do not fit."""

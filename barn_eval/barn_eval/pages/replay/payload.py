@@ -153,8 +153,7 @@ def progress_m(recorded: RecordedTrial) -> Floats | None:
     share = shares[np.arange(len(nearest)), nearest]
     arc = np.cumsum(lengths)[nearest] - lengths[nearest] * (1.0 - share)
     # A robot that backs up has still come as far as it was.
-    progress: Floats = np.maximum.accumulate(arc)
-    return progress
+    return np.maximum.accumulate(arc)
 
 
 def _pose_list(pose: Pose2D | None) -> list[float] | None:

@@ -607,5 +607,4 @@ def _label_worlds(axes: Axes, order: WorldOrder) -> None:
 def _finite_values(measure: Measure, entry: Entry) -> Floats:
     """Return the finite values of a measure over an entry's trials, ascending."""
     values = measure.values(entry.results)
-    finite: Floats = np.sort(values[np.isfinite(values)])
-    return finite
+    return np.sort(values[np.isfinite(values)])

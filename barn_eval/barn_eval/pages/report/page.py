@@ -139,8 +139,7 @@ def _new_panels(layout: Panels, width_mm: float | None) -> list[Axes]:
     # In a paper, more columns may leave some places empty.
     for axes in grid[count:]:
         axes.remove()
-    panels: list[Axes] = list(grid[:count])
-    return panels
+    return list(grid[:count])
 
 
 def plot(

@@ -64,8 +64,7 @@ class RecordedMotions:
         stepped = np.floor(np.minimum(share, 1.0))
         share = np.where(self.jumps[before + 1], stepped[:, None], share[:, None])
         steps = self.places[before + 1] - self.places[before]
-        places: Floats = self.places[before] + share[..., None] * steps
-        return places
+        return self.places[before] + share[..., None] * steps
 
     def trails(self, time_s: float) -> list[Points]:
         """Return where each obstacle was in the last `TRAIL_S`, since it last jumped.
