@@ -21,6 +21,7 @@ from barn_eval.running.request import RunRequest, read_request
 from barn_eval.running.settings import grid
 from barn_eval.trials.protocol import Protocol
 from barn_worlds.base.config import from_dict
+from barn_worlds.base.errors import suggest
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -151,7 +152,9 @@ def _read_request(file: str | Path | None, options: RunOptions) -> RunRequest:
     # As a function does with a wrong keyword, before any value is looked at.
     unknown = options.keys() - RunOptions.__annotations__.keys()
     if unknown:
-        raise TypeError(f"a run has no option {min(unknown)!r}")
+        name = min(unknown)
+        hint = suggest(name, RunOptions.__annotations__)
+        raise TypeError(f"a run has no option {name!r}{hint}")
     return read_request(Path(file) if file else None, options)
 
 

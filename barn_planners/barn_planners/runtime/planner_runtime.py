@@ -109,6 +109,11 @@ class PlannerRuntime:
             return RuntimeOutput(STOP)
 
         decision = self.planner.step(observation)
+        if not isinstance(decision, Decision):
+            raise TypeError(
+                "step of a planner must return a Decision, such as"
+                f" Decision(Velocity2D(0.5, 0.0)), got {decision!r}"
+            )
         self._status = decision.status
         if decision.command is not None:
             self._command = decision.command

@@ -117,6 +117,13 @@ def test_a_cycle_without_command_repeats_or_sends_nothing(repeats, commands):
     assert [each.step(at(k)).command for k in range(3)] == commands
 
 
+def test_a_step_that_returns_no_decision_is_told_what_to_return():
+    each = runtime((0.5, 0.0))
+    each.set_goal(GOAL)
+    with pytest.raises(TypeError, match=r"must return a Decision, such as Decision\("):
+        each.step(at(0.0))
+
+
 def test_reset_forgets_goal_map_and_task(mapped):
     mapped.reset()
     assert mapped.missing() == "no goal yet, no map yet"
