@@ -133,8 +133,8 @@ def test_another_robot_is_not_mixed_in(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("{}", "schema_version must be 2 or 3 or 4 or 5 or 6, got None"),
-        ('{"schema_version": 7, "experiment": {}}', "or 5 or 6, got 7"),
+        ("{}", "schema_version must be 2 or 3 or 4 or 5 or 6 or 7, got None"),
+        ('{"schema_version": 8, "experiment": {}}', "or 5 or 6 or 7, got 8"),
         ('{"schema_version": 2, "experiment": 3}', "describes no run"),
         ('{"schema_version": 2, "experiment": {"planners": 3}}', "run.json: planners "),
     ],

@@ -22,7 +22,13 @@ from barn_worlds.base.errors import ExitCode
 
 # Hash of all keys of rows and run.json by schema. Where the keys have changed, raise
 # SCHEMA_VERSION in barn_eval.trials.result and add its hash; hashes never change.
-KEYS = {3: "3aeb0a197f8b", 4: "c37d5a1dc0b1", 5: "fc37fd429791", 6: "c49247c345d4"}
+KEYS = {
+    3: "3aeb0a197f8b",
+    4: "c37d5a1dc0b1",
+    5: "fc37fd429791",
+    6: "c49247c345d4",
+    7: "1c40f2d7cfdc",
+}
 OLD_COMMIT = "e6873c242548648c72791920b5b6a5142efb4960"
 
 
