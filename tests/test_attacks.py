@@ -6,6 +6,7 @@ from waiting import run_python
 TOOL = ROOT / "qa" / "attacks" / "attacks.py"
 QUICK = ("folder/nudged-trial", "folder/environment*", "verdict/order", "room/*")
 INSIDE = ("answer/*", "again/*", "name/*", "process/*", "folder/delays", "folder/older")
+OUTSIDE = ("bound/*", "verdict/[cw]*", "computing/*", "terminal/*", "bag/*", "server/*")
 
 
 def attacks(*arguments):
@@ -21,6 +22,12 @@ def test_quick_attacks_do_not_succeed():
 
 def test_attacks_from_inside_do_not_succeed():
     ended = attacks(*(f"--only={pattern}" for pattern in INSIDE))
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    assert ended.stdout.count("\n    ") == 10 and "UNSEEN" not in ended.stdout
+
+
+def test_attacks_from_outside_do_not_succeed():
+    ended = attacks(*(f"--only={pattern}" for pattern in OUTSIDE))
     assert ended.returncode == 0, ended.stdout + ended.stderr
     assert ended.stdout.count("\n    ") == 10 and "UNSEEN" not in ended.stdout
 

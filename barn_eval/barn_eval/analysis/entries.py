@@ -5,7 +5,6 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from statistics import median
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,6 +29,7 @@ from barn_worlds.base.errors import ConfigError
 
 # The slowest class of speed caps; each class is twice as fast as the one before.
 _SLOWEST_CLASS_MPS = 0.5
+_SLOW_QUANTILE = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +129,7 @@ class Computing:
     computer: float
     """Speed of the computer that the scores assume, 1 for the reference computer.
 
-    It is the median over trials that charge nothing or what the planner declares, and 0
+    A tenth of the trials that charge nothing or what the planner declares need more; 0
     if there is none.
     """
 
@@ -155,7 +155,7 @@ class Computing:
 
 
 def computing_of(results: Rows) -> Computing:
-    """Return compute modes and median assumed computer speed of one planner's rows."""
+    """Return compute modes and assumed computer speed of one planner's rows."""
     # Rows of one planner may differ if a folder was resumed with another option.
     names = set(column(results, "compute").tolist()) - {""}
     modes = {COMPUTE_MODE_LABELS[name] for name in names}
@@ -163,8 +163,8 @@ def computing_of(results: Rows) -> Computing:
     computers = computers[~np.isnan(computers)]
     computer = 0.0
     if len(computers):
-        # A median, since single trials may have met a busy machine.
-        computer = median(computers.tolist())
+        # Not the highest, since single trials may have met a busy machine.
+        computer = float(np.quantile(computers, _SLOW_QUANTILE))
     return Computing(tuple(sorted(modes)), computer)
 
 

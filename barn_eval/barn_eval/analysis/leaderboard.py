@@ -156,7 +156,11 @@ def make_boards(
             measure = ranking_measure(group.entries[0].results)
             if ranking:
                 measure = MEASURES[RANKINGS[ranking]]
-            boards.append(make_board(label_entries(group.common_entries()), measure))
+            board = make_board(label_entries(group.common_entries()), measure)
+            if worlds != "all":
+                text = f"Ranked on the worlds of an option alone: {worlds}."
+                board = replace(board, notes=(text, *board.notes))
+            boards.append(board)
     return [
         replace(board, notes=(*board.notes, *_name_other_boards(board, boards)))
         for board in boards

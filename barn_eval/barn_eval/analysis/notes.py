@@ -1,7 +1,8 @@
 """Warnings about results that are compared."""
 
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,8 +18,8 @@ from barn_eval.trials.result import (
 )
 
 _MAX_NAMED_TRIALS = 5
-# What successes by equal commands have in common.
-_DRIVE_PATHS = ("world_checksum", "simulator_seed", "scores.traversal_time_s")
+# What drives by equal commands have in common.
+_DRIVE_PATHS = ("world_checksum", "simulator_seed", "scores.duration_s")
 
 
 def find_mixture(entries: Sequence[Entry]) -> Iterator[str]:
@@ -53,37 +54,41 @@ def list_notes(entries: Sequence[Entry]) -> list[str]:
     results = {source: join(groups) for source, groups in parts.items()}
     for source, rows in results.items():
         notes += notes_on(source, rows)
-    notes += _find_equal_planners(results)
+    notes += _find_equal_planners(entries)
     # One folder may have been read twice.
     return list(dict.fromkeys(notes))
 
 
-def _find_equal_planners(results: Mapping[Source, Rows]) -> Iterator[str]:
-    """Yield a sentence for two planners that succeed by equal commands."""
-    # Equal commands take equal times. So the files of commands, which are large, are
+def _find_equal_planners(entries: Sequence[Entry]) -> Iterator[str]:
+    """Yield a sentence for two entries that drive by equal commands.
+
+    They may be copies of one, which would make others' differences less significant.
+    """
+    # Equal commands last equally long. So the files of commands, which are large, are
     # opened for suspects only.
-    planners: dict[Hashable, str] = {}
+    labels: dict[Hashable, str] = {}
     suspects = set()
-    for rows in results.values():
-        for key, planner in _drives(take(rows, column(rows, "scores.success") == 1)):
-            if planners.setdefault(key, planner) != planner:
+    for entry in entries:
+        has_driven = column(entry.results, "measures.driven_m") > 0.0
+        for key in _drives(take(entry.results, has_driven)):
+            if labels.setdefault(key, entry.label) != entry.label:
                 suspects.add(key)
 
     trials = []
-    for source, rows in results.items():
-        trial_ids = column(rows, "trial_id")
-        for trial_id, (key, planner) in zip(trial_ids, _drives(rows), strict=True):
-            if key in suspects and trial_id in source.commands:
-                trials.append((key, planner, source.commands[trial_id]))
+    for entry in entries:
+        commands = entry.source.commands
+        trial_ids = column(entry.results, "trial_id")
+        for trial_id, key in zip(trial_ids, _drives(entry.results), strict=True):
+            if key in suspects and trial_id in commands:
+                trials.append((key, entry.label, commands[trial_id]))
     for pair, count in count_equal_commands(trials).items():
         yield f"{' and '.join(pair)} have equal commands in {count} trials."
 
 
-def _drives(rows: Rows) -> Iterator[tuple[Hashable, str]]:
-    """Yield what successes by equal commands have in common, and the planner."""
+def _drives(rows: Rows) -> Iterator[tuple[Any, ...]]:
+    """Return an iterator over what drives by equal commands have in common."""
     columns = [column(rows, path).tolist() for path in _DRIVE_PATHS]
-    keys = zip(*columns, strict=True)
-    return zip(keys, column(rows, "planner").tolist(), strict=True)
+    return zip(*columns, strict=True)
 
 
 def notes_on(source: Source, results: Rows) -> list[str]:

@@ -75,4 +75,4 @@ def join_names(names: Sequence[str], word: str = "and") -> str:
 
 def one_line(text: str) -> str:
     """Return text with each run of line breaks and control characters as one space."""
-    return re.sub(r"[\x00-\x1f\x7f\u2028\u2029]+", " ", text)
+    return re.sub(r"[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069]+", " ", text)

@@ -18,7 +18,7 @@ from barn_eval.running.request import parse_parameters
 from barn_eval.trials.protocol import PROTOCOLS
 from barn_planners.registry import planner_names
 from barn_worlds.base.config import fields_of
-from barn_worlds.base.errors import ConfigError, format_value
+from barn_worlds.base.errors import ConfigError, format_value, strip_controls
 from barn_worlds.base.files import make_json_safe
 from barn_worlds.datasets.dataset import dataset_files
 from barn_worlds.robots.files import ROBOTS
@@ -323,4 +323,4 @@ def print_notes(*lines: object) -> None:
     """Print each line to standard error, beside the output of a command."""
     for line in lines:
         # A path in a message may have brackets, and must stay one line to copy.
-        notes.print(str(line), markup=False, soft_wrap=True)
+        notes.print(strip_controls(str(line)), markup=False, soft_wrap=True)

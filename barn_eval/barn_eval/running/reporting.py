@@ -25,6 +25,7 @@ from rich.table import Column, Table
 from barn_eval.running.pool import Notice
 from barn_eval.running.runner import Event, TrialLoss
 from barn_eval.trials.result import Outcome, TrialResult
+from barn_worlds.base.errors import strip_controls
 
 logger = logging.getLogger(__name__)
 
@@ -111,6 +112,7 @@ class ConsoleReporter(Reporter):
 
     def warn(self, text: str) -> None:
         """Print a line of text to the console, brackets as they are."""
+        text = strip_controls(text)
         self._console.print(OutcomeColors()(text), soft_wrap=True)
 
     @contextmanager

@@ -32,6 +32,7 @@ _FARTHEST_GOAL_M = 0.1  # from the world's goal, before it is said
 _NARROWEST_SCAN_RAD = math.pi
 _GAP_PERIODS = 3.0  # without a pose, before it is said
 _TWIST_TOLERANCE = 0.1  # of positions against the twist, before it is said
+_CLOCK_TOLERANCE = 0.1  # of stamps against the log, before it is said
 _SHORTEST_M = 0.5  # of a drive for which they are compared
 
 
@@ -83,7 +84,7 @@ def judge_segment(
     drive = segment.drive
     origin, remarks = _place_poses(segment, spec)
     readings, back_ns = _take_readings(segment, origin)
-    doubts, uncertainty_s = _list_doubts(list(readings.values()), back_ns)
+    doubts, uncertainty_s = _list_doubts(segment, spec, readings, back_ns)
     remarks += doubts
     if not spec.system.reports_contacts:
         remarks.append("contacts are unknown, as nobody reported them")
@@ -212,14 +213,17 @@ def _take_readings(segment: Segment, origin: Pose2D) -> tuple[dict[int, Odometry
 
 
 def _list_doubts(
-    readings: Sequence[Odometry], back_ns: int
+    segment: Segment, spec: TrialSpec, by_index: Mapping[int, Odometry], back_ns: int
 ) -> tuple[list[str], float | None]:
     """Return sentences on what is doubtful in the times, and how far these may be off.
 
     Args:
-        readings: The readings.
+        segment: The segment.
+        spec: The trial that it is.
+        by_index: Its readings by index.
         back_ns: By how much stamps have gone back.
     """
+    readings = list(by_index.values())
     if len(readings) < 2:
         return [], None
     stamps_ns = np.array([reading.stamp_ns for reading in readings])
@@ -234,6 +238,18 @@ def _list_doubts(
     if back_ns:
         doubts.append(f"stamps of poses go back by up to {seconds(back_ns):.2f} s")
         uncertainty_s += seconds(back_ns)
+    log_ns = segment.drive.log_times_ns[list(by_index)]
+    logged_s = seconds(int(log_ns[-1] - log_ns[0]))
+    stamped_s = float(periods_s.sum())
+    error_s = abs(logged_s - stamped_s)
+    # The clock of a simulator may be slower than that of the log.
+    if spec.system.kind == "robot" and error_s > max(
+        gap_s, _CLOCK_TOLERANCE * logged_s
+    ):
+        doubts.append(
+            f"stamps of poses last {stamped_s:.2f} s, the log {logged_s:.2f} s"
+        )
+        uncertainty_s += error_s
 
     positions = np.array([(reading.pose.x, reading.pose.y) for reading in readings])
     speeds = np.array([reading.velocity.linear for reading in readings])
@@ -244,7 +260,7 @@ def _list_doubts(
             f"positions move {driven_m:.2f} m where the twist says {twist_m:.2f} m:"
             " stamps may not be those of the robot"
         )
-        uncertainty_s += float(periods_s.sum()) * abs(twist_m / driven_m - 1.0)
+        uncertainty_s += stamped_s * abs(twist_m / driven_m - 1.0)
     return doubts, uncertainty_s
 
 

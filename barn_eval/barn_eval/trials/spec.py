@@ -165,12 +165,13 @@ class TrialSpec:
         if max_speed_mps <= 0.0:
             return 0.0
         protocol = self.scaled_protocol
+        sources = {protocol.clock_start_source, protocol.goal_source}
         # Turning moves a base_link that is not over the axle, at any speed of the
-        # wheels. Wheels of another radius count more odometry than they drive.
-        by_truth = protocol.clock_start_source == protocol.goal_source == "truth"
-        if chassis.axle_x_m or (
-            self.simulator.odometry.wheel_radius_error and not by_truth
-        ):
+        # wheels, and moving obstacles push it. Wheels of another radius count more
+        # odometry than they drive. By two sources, one length is counted twice.
+        has_error = self.simulator.odometry.wheel_radius_error and sources != {"truth"}
+        is_pushed = self.world.moving and not protocol.collision_ends_trial
+        if chassis.axle_x_m or has_error or is_pushed or len(sources) > 1:
             return None
         length_m = _least_path_m(protocol, self.course, self.world, chassis)
         # The clock starts at the first look after the robot has left the disc, so up to

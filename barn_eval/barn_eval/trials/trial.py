@@ -20,6 +20,7 @@ from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import Trajectory, TrajectoryLog, measure_trajectory
 from barn_planners.interface import PlannerStatus
 from barn_worlds.base.arrays import Floats
+from barn_worlds.base.errors import strip_controls
 from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Odometry, Pose2D, Velocity2D
 
 T = TypeVar("T")
@@ -370,7 +371,7 @@ def finish_trial(
 def describe_error(error: Exception) -> str:
     """Return an error's type, first line of its message, file and line, as one line."""
     text = type(error).__name__
-    lines = str(error).splitlines()
+    lines = strip_controls(str(error)).splitlines()
     if lines:
         text = f"{text}: {lines[0]}"[:_MAX_ERROR_LENGTH]
     frames = extract_tb(error.__traceback__)

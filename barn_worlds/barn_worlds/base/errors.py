@@ -160,10 +160,16 @@ def format_value(value: object) -> str:
 def format_error(error: object) -> str:
     """Return an error's message on one line of up to 200 characters, if it has one.
 
-    Objects that a library names by class and address are left out.
+    Objects that a library names by class and address are left out, and so are control
+    characters, which would steer a terminal.
     """
-    text = _OBJECT.sub("", " ".join(str(error).split()))
+    text = _OBJECT.sub("", " ".join(strip_controls(str(error)).split()))
     return text[:_LONGEST_ERROR] or "no reason is known"
+
+
+def strip_controls(text: str) -> str:
+    """Return text without characters that are not printed, but for white space."""
+    return "".join(c for c in text if c.isprintable() or c.isspace())
 
 
 def suggest(name: object, candidates: Iterable[object]) -> str:

@@ -23,7 +23,7 @@ from barn_eval.analysis.summary import make_bars
 from barn_eval.analysis.text_table import count_noun
 from barn_eval.analysis.verdict import Conclusion, conclude_results, list_cautions
 from barn_eval.pages import LOOPBACK, PAGE_PORT
-from barn_eval.pages.live.gate import names_this_machine
+from barn_eval.pages.live.gate import accepts_viewer
 from barn_eval.pages.replay.page import replay_page
 from barn_eval.pages.template import render, themed
 from barn_eval.results.bags import BAGS
@@ -300,13 +300,13 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """Answer a GET request with a page or JSON, or a line that says why not."""
-        if names_this_machine(self.headers.get("Host", "")):
+        if accepts_viewer(self.headers):
             try:
                 response = self.server.respond(urlsplit(self.path).path)
             except (BarnError, OSError, ValueError) as error:
                 response = _Response(HTTPStatus.NOT_FOUND, str(error), _TEXT)
         else:
-            reason = "not the name of this machine"
+            reason = "not the name of this machine, or asked for by another site"
             response = _Response(HTTPStatus.FORBIDDEN, reason, _TEXT)
 
         content = response.content.encode()

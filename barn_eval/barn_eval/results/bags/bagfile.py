@@ -7,6 +7,7 @@ import re
 import sqlite3
 import struct
 import zlib
+from bz2 import BZ2Decompressor
 from collections.abc import Collection, Iterator
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, replace
@@ -14,6 +15,7 @@ from functools import cached_property
 from io import SEEK_CUR, BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 from lz4.frame import LZ4FrameDecompressor
 from mcap.data_stream import ReadDataStream
@@ -21,6 +23,8 @@ from mcap.exceptions import EndOfFile, InvalidMagic, McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Metadata, Schema
 from rosbags.rosbag1 import Reader, ReaderError
+from rosbags.rosbag1.reader import Chunk as Ros1Chunk
+from rosbags.rosbag1.reader import decompressors
 from rosbags.serde import SerdeError
 from zstandard import ZstdDecompressor, ZstdError
 
@@ -188,6 +192,11 @@ class McapFile:
             self._metadata[metadata.name] = dict(metadata.metadata)
 
 
+def largest_unpacked(data: bytes) -> int:
+    """Return the number of bytes that a chunk may unpack to."""
+    return min(LARGEST_RECORD, max(SMALL_CHUNK, LARGEST_RATIO * len(data)))
+
+
 def unpack_chunk(chunk: Chunk) -> bytes:
     """Return the decompressed records of a chunk after a check of its size and CRC.
 
@@ -196,8 +205,7 @@ def unpack_chunk(chunk: Chunk) -> bytes:
             states.
     """
     size = chunk.uncompressed_size
-    largest = max(SMALL_CHUNK, LARGEST_RATIO * len(chunk.data))
-    if size > min(LARGEST_RECORD, largest):
+    if size > largest_unpacked(chunk.data):
         raise ValueError(f"a chunk of {size} bytes in {len(chunk.data)}")
 
     # One byte more than stated shows a chunk that is too large.
@@ -224,11 +232,12 @@ _BLOCK = 1 << 20
 # Endings of files and of files compressed as a whole, in the order of preference.
 _ENDINGS = (".mcap", ".mcap.zstd", ".db3", ".db3.zstd", ".bag")
 _ZSTD = b"\x28\xb5\x2f\xfd"  # how a compressed message begins
-_MESSAGES = (
-    "SELECT name, type, serialization_format, timestamp, data"
-    " FROM messages JOIN topics ON messages.topic_id = topics.id"
-    " ORDER BY timestamp, messages.id"
-)
+_TOPICS = "SELECT id, name, type, serialization_format FROM topics"
+_MESSAGES = "SELECT topic_id, timestamp, data FROM messages ORDER BY timestamp, id"
+_UNPACKERS: dict[Any, Any] = {
+    decompressors["bz2"]: BZ2Decompressor,
+    decompressors["lz4"]: LZ4FrameDecompressor,
+}
 # Names that types had in ROS 1, of the same content.
 _ROS1_TYPES = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
 
@@ -470,11 +479,29 @@ def _sqlite_messages(path: Path) -> Iterator[RawMessage]:
     _require_plain(path)
     uri = f"{path.absolute().as_uri()}?mode=ro"
     with closing(sqlite3.connect(uri, uri=True)) as database:
-        for topic, type_name, encoding, stamp_ns, data in database.execute(_MESSAGES):
+        # Joined by SQLite, topics of one number could make of a small file any number
+        # of messages.
+        topics = {number: topic for number, *topic in database.execute(_TOPICS)}
+        for number, stamp_ns, data in database.execute(_MESSAGES):
+            if number not in topics:
+                continue
+            topic, type_name, encoding = topics[number]
             if not isinstance(data, bytes) or not isinstance(stamp_ns, int):
                 raise ValueError(f"a message of {topic!r:.40} that is no message")
             known_type = str(type_name) if encoding == "cdr" else ""
             yield RawMessage(str(topic), known_type, stamp_ns, data)
+
+
+def _bound(chunk: Ros1Chunk) -> Ros1Chunk:
+    """Return a chunk of a ROS 1 bag that unpacks to no more than one of MCAP may."""
+    unpacker = _UNPACKERS.get(chunk.decompressor)
+    if unpacker is None:
+        return chunk
+    return chunk._replace(
+        decompressor=lambda data: unpacker().decompress(
+            data, max_length=largest_unpacked(data)
+        )
+    )
 
 
 def _ros1_messages(path: Path) -> Iterator[RawMessage]:
@@ -483,6 +510,7 @@ def _ros1_messages(path: Path) -> Iterator[RawMessage]:
     # A pipe or a device is refused before the library opens it.
     open_regular(path).close()
     with Reader(path) as reader:
+        reader.chunks = {pos: _bound(chunk) for pos, chunk in reader.chunks.items()}
         for connection, stamp_ns, data in reader.messages():
             type_name = _ROS1_TYPES.get(connection.msgtype, connection.msgtype)
             content = bytes(data)
