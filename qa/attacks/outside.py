@@ -36,7 +36,13 @@ from barn_eval.running.direct import run_direct_trial  # noqa: E402
 from barn_eval.running.judge import JudgeOptions, judge  # noqa: E402
 from barn_eval.running.reporting import ConsoleReporter  # noqa: E402
 from barn_eval.trials.protocol import CHALLENGE, Protocol  # noqa: E402
-from barn_planners.interface import Decision, Observation, Task  # noqa: E402
+from barn_planners.interface import (  # noqa: E402
+    Decision,
+    Observation,
+    Planner,
+    Task,
+)
+from barn_worlds.base.types import Velocity2D  # noqa: E402
 from barn_worlds.moving.motion import Motion, MovingObstacle  # noqa: E402
 from barn_worlds.worlds.world import World  # noqa: E402
 
@@ -59,29 +65,31 @@ def attack(name: str, tries: str) -> Callable[[Callable[[Path], str]], None]:
     return keep
 
 
-class Thinking(Straight):
+class Thinking(Planner):
     """Computes for long in every third trial, which may be the hard ones."""
 
     trials = itertools.count()
 
-    def start(self, task: Task, seed: int) -> None:
+    def start(self, task: Task, seed: int) -> None:  # noqa: ARG002
         """Begin a trial."""
-        super().start(task, seed)
         self.cycles_left = 0
         if next(self.trials) % 3 == 0:
             self.cycles_left = _SLOW_CYCLES
 
-    def step(self, observation: Observation) -> Decision:
+    def step(self, observation: Observation) -> Decision:  # noqa: ARG002
         """Return the command of this cycle."""
         end_s = time.process_time() + _SLOW_S
         while self.cycles_left and time.process_time() < end_s:
             pass
         self.cycles_left = max(0, self.cycles_left - 1)
-        return super().step(observation)
+        return Decision(Velocity2D(0.5, 0.0))
 
 
-class Shouting(Straight):
+class Shouting(Planner):
     """Fails with a text that steers the terminal."""
+
+    def start(self, task: Task, seed: int) -> None:
+        """Begin a trial."""
 
     def step(self, observation: Observation) -> Decision:  # noqa: ARG002
         """Raise an error."""

@@ -142,8 +142,7 @@ def test_obstacles_bound_the_time_where_contact_ends_trials():
     assert spec_of(world).least_time_s > straight_s + 0.3
     for changed in (
         {"collision_ends_trial": False},
-        {"goal_source": "odometry"},
-        {"clock_start_source": "odometry"},
+        {"clock_start_source": "odometry", "goal_source": "odometry"},
     ):
         assert spec_of(
             world, replace(CHALLENGE, **changed)
