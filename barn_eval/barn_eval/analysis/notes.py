@@ -51,9 +51,8 @@ def list_notes(entries: Sequence[Entry]) -> list[str]:
     parts: dict[Source, list[Rows]] = {}
     for entry in entries:
         parts.setdefault(entry.source, []).append(entry.results)
-    results = {source: join(groups) for source, groups in parts.items()}
-    for source, rows in results.items():
-        notes += notes_on(source, rows)
+    for source, groups in parts.items():
+        notes += notes_on(source, join(groups))
     notes += _find_equal_planners(entries)
     # One folder may have been read twice.
     return list(dict.fromkeys(notes))

@@ -238,8 +238,7 @@ def _list_doubts(
     if back_ns:
         doubts.append(f"stamps of poses go back by up to {seconds(back_ns):.2f} s")
         uncertainty_s += seconds(back_ns)
-    log_ns = segment.drive.log_times_ns[list(by_index)]
-    logged_s = seconds(int(log_ns[-1] - log_ns[0]))
+    logged_s = seconds(int(np.ptp(segment.drive.log_times_ns[list(by_index)])))
     stamped_s = float(periods_s.sum())
     error_s = abs(logged_s - stamped_s)
     # The clock of a simulator may be slower than that of the log.

@@ -112,17 +112,6 @@ def test_the_same_bag_in_any_form_gives_the_same_row(nearer, tmp_path, kind):
     assert row.repeatable() == own.repeatable()
 
 
-def test_stamps_of_a_robot_that_last_otherwise_than_the_log_are_doubted(
-    nearer, tmp_path
-):
-    path = tmp_path / "gap_w0120_r00"
-    write_bag(path, messages_of(nearer, lambda m: kept(m) and at_half_real_time(m)))
-    row = judge_one(path, tmp_path / "out", protocol=near(nearer))
-    assert "stamps of poses last" in row.remarks
-    duration_s = row.scores.duration_s
-    assert row.observed.time_uncertainty_s >= duration_s
-
-
 def test_parts_without_their_metadata_are_read(nearer, tmp_path):
     expected = judge_one(nearer, tmp_path / "own", protocol=near(nearer))
     write_bag(tmp_path / "bag", messages_of(nearer, kept), "sqlite")

@@ -8,7 +8,7 @@ import sqlite3
 import struct
 import zlib
 from bz2 import BZ2Decompressor
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -23,7 +23,6 @@ from mcap.exceptions import EndOfFile, InvalidMagic, McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Metadata, Schema
 from rosbags.rosbag1 import Reader, ReaderError
-from rosbags.rosbag1.reader import Chunk as Ros1Chunk
 from rosbags.rosbag1.reader import decompressors
 from rosbags.serde import SerdeError
 from zstandard import ZstdDecompressor, ZstdError
@@ -234,10 +233,6 @@ _ENDINGS = (".mcap", ".mcap.zstd", ".db3", ".db3.zstd", ".bag")
 _ZSTD = b"\x28\xb5\x2f\xfd"  # how a compressed message begins
 _TOPICS = "SELECT id, name, type, serialization_format FROM topics"
 _MESSAGES = "SELECT topic_id, timestamp, data FROM messages ORDER BY timestamp, id"
-_UNPACKERS: dict[Any, Any] = {
-    decompressors["bz2"]: BZ2Decompressor,
-    decompressors["lz4"]: LZ4FrameDecompressor,
-}
 # Names that types had in ROS 1, of the same content.
 _ROS1_TYPES = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
 
@@ -483,8 +478,6 @@ def _sqlite_messages(path: Path) -> Iterator[RawMessage]:
         # of messages.
         topics = {number: topic for number, *topic in database.execute(_TOPICS)}
         for number, stamp_ns, data in database.execute(_MESSAGES):
-            if number not in topics:
-                continue
             topic, type_name, encoding = topics[number]
             if not isinstance(data, bytes) or not isinstance(stamp_ns, int):
                 raise ValueError(f"a message of {topic!r:.40} that is no message")
@@ -492,16 +485,13 @@ def _sqlite_messages(path: Path) -> Iterator[RawMessage]:
             yield RawMessage(str(topic), known_type, stamp_ns, data)
 
 
-def _bound(chunk: Ros1Chunk) -> Ros1Chunk:
-    """Return a chunk of a ROS 1 bag that unpacks to no more than one of MCAP may."""
-    unpacker = _UNPACKERS.get(chunk.decompressor)
-    if unpacker is None:
-        return chunk
-    return chunk._replace(
-        decompressor=lambda data: unpacker().decompress(
-            data, max_length=largest_unpacked(data)
-        )
-    )
+def _bound(kind: Any) -> Callable[[bytes], bytes]:
+    """Return how chunks of ROS 1 are unpacked, to no more than those of MCAP may."""
+    return lambda data: bytes(kind().decompress(data, largest_unpacked(data)))
+
+
+# The library itself has no bound.
+decompressors.update(bz2=_bound(BZ2Decompressor), lz4=_bound(LZ4FrameDecompressor))
 
 
 def _ros1_messages(path: Path) -> Iterator[RawMessage]:
@@ -510,7 +500,6 @@ def _ros1_messages(path: Path) -> Iterator[RawMessage]:
     # A pipe or a device is refused before the library opens it.
     open_regular(path).close()
     with Reader(path) as reader:
-        reader.chunks = {pos: _bound(chunk) for pos, chunk in reader.chunks.items()}
         for connection, stamp_ns, data in reader.messages():
             type_name = _ROS1_TYPES.get(connection.msgtype, connection.msgtype)
             content = bytes(data)
