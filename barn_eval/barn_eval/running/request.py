@@ -63,7 +63,8 @@ class RunRequest:
     planner_objects: Mapping[str, PlannerObject] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Raise ConfigError if the path of the results folder holds a NUL."""
+        """Raise ConfigError for a planner's name or a path that is not allowed."""
+        self.config.require_own_names()
         # The system refuses such a path with an error that names no option.
         if "\0" in str(self.out):
             raise ConfigError(

@@ -250,13 +250,6 @@ class RunConfig(Checked):
                     f"planners names {name!r} twice; give one another name, such as"
                     f" {name}_2={entry}"
                 )
-            # "E-Band" would be taken for the suite's "eband" as well.
-            plain_name = re.sub("[^a-z0-9]", "", name.lower())
-            if not planner.registered and plain_name in planner_names():
-                raise ConfigError(
-                    f"planner {name!r}: is a planner of the suite, without command or"
-                    " source; give yours another name"
-                )
             if planner.source and over_ros:
                 raise ConfigError(
                     f"planner {name!r}: a Python object drives in mode direct only"
@@ -271,6 +264,22 @@ class RunConfig(Checked):
             )
         if not over_ros and self.ros != RosConfig():
             raise ConfigError("the settings of ros need mode ros")
+
+    def require_own_names(self) -> None:
+        """Raise ConfigError if a planner of a user's is named as one of the suite.
+
+        Earlier versions allowed it, so their folders can be read, but not submitted.
+        A planner of the suite may drive a system that is only observed.
+        """
+        for planner in self.planners:
+            # "E-Band" would be taken for the suite's "eband" as well.
+            plain_name = re.sub("[^a-z0-9]", "", planner.name.lower())
+            is_own = not planner.registered and not self.system.is_observed
+            if is_own and plain_name in planner_names():
+                raise ConfigError(
+                    f"planner {planner.name!r}: is a planner of the suite, without"
+                    " command or source; give yours another name"
+                )
 
     def compute_mode(self, compute: Compute) -> str:
         """Return DECLARED, MEASURED, FREE or REAL_TIME: how computing is charged."""

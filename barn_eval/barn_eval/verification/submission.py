@@ -99,6 +99,7 @@ def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderC
     run_file = RunFile.read(folder)
     # What an earlier version drove cannot be checked, so it would not be verified.
     config = run_file.run_config()
+    config.require_own_names()
     if config.system.is_observed:
         problems.append(f"{config.system.label}: observed, not driven again")
     other_task = describe_other_task(run_file, config)
@@ -178,6 +179,7 @@ def verify(path: str | Path, folder: str | Path) -> tuple[FolderCheck, dict[str,
     container = _unpack(path, folder)
     run_file = RunFile.read(folder)
     config = run_file.run_config()
+    config.require_own_names()
     _require_available_worlds(run_file)
     _require_release(path, run_file)
 
