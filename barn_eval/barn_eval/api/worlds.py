@@ -420,7 +420,8 @@ def metrics(
     Args:
         source: A data set's name, or a file or folder of worlds.
         select: World numbers, such as "0-49".
-        formula: corrected, published (the numbers in print) or paper_text.
+        formula: corrected, published (gives the numbers in print) or paper_text (as
+            the text has it).
         robot: Robot whose C-space and path are measured, instead of the worlds' own.
 
     Returns:

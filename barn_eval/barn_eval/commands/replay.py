@@ -40,7 +40,7 @@ _OPTIONS = JudgeOptions()
     "--speed",
     default=2.0,
     type=click.FloatRange(0.1, 100.0),
-    help="Speed of GIF and film.",
+    help="Playback speed of GIF and film, as a multiple of real time.",
 )
 @field_option(_OPTIONS, "pose")
 @field_option(_OPTIONS, "goal")

@@ -193,7 +193,7 @@ def command(
         name: value for name, value in values.items() if value not in (None, (), {})
     }
     if latency and sweep:
-        raise click.UsageError("--latency is a sweep of its own, without --sweep")
+        raise click.UsageError("--latency is itself a sweep: leave out --sweep")
     if latency:
         # A latency study is a sweep over one key that no planner has.
         sweep = (f"{LATENCY}={latency}",)

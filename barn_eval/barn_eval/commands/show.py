@@ -63,7 +63,7 @@ def command(
     planners: str | None,
     outcome: str | None,
 ) -> None:
-    """Draw a world, several on one sheet, or trials over one.
+    """Draw a world, several worlds on one sheet, or trials over a world.
 
     WORLDS are numbers in the data set, such as 120, 0:300:60 or all, or a file or
     folder of worlds. Start, goal and path are the world's own, else the challenge's for

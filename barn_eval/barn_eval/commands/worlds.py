@@ -144,7 +144,8 @@ def show_list(source: str | None, select: str, as_json: bool) -> None:
 @click.option(
     "--formula",
     default="corrected",
-    help="corrected, published (the numbers in print) or paper_text.",
+    help="Formulas: corrected, published (give the numbers in print) or paper_text (as"
+    " the text has them).",
 )
 @click.option(
     "--robot",

@@ -39,7 +39,9 @@ def run_observed(
             f"planners: one at a time with --system, got {len(config.planners)}"
         )
     if config.ros.remap or config.ros.namespace:
-        raise ConfigError(f"ros: name topics in {system}, not by remap and namespace")
+        raise ConfigError(
+            f"ros: with --system, name topics in {system}, not by remap or namespace"
+        )
     file = read_system(system)
     (choice,) = config.planners
     link = {item.name: getattr(config.ros, item.name) for item in fields(PlannerLink)}

@@ -83,8 +83,8 @@ class Ranges:
         ranges = content.get("parameters")
         if not isinstance(ranges, dict) or not ranges or content.keys() - _FILE_KEYS:
             raise ConfigError(
-                f"{path}: must have parameters with their ranges, and may have a"
-                " planner, nothing else"
+                f"{path}: must list parameters with their ranges, and may name a planner;"
+                " no other key is allowed"
             )
         parameters = {
             key: _parse_range(content, f"{path}: {key}")

@@ -155,13 +155,13 @@ class Protocol(Checked):
         100.0,
     )
     clock_start_source: str = quantity(
-        "odometry", "what that motion is measured by", choices=SOURCES
+        "odometry", "pose that this motion is measured by", choices=SOURCES
     )
     goal_distance_m: float = quantity(
         math.sqrt(0.1), "distance to the goal that ends a trial", "m", 0.01, 100.0
     )
     goal_source: str = quantity(
-        "odometry", "what that distance is measured by", choices=SOURCES
+        "odometry", "pose that this distance is measured from", choices=SOURCES
     )
     limit_s: float = quantity(
         50.0, "longest time on the clock, simulated", "s", 0.1, 100_000.0

@@ -248,8 +248,8 @@ def _require_release(path: Path, run_file: RunFile) -> None:
             version = session_versions.get(package)
             if version != current[package]:
                 raise ConfigError(
-                    f"{path}: was made with {package} {format_value(version)}, this is"
-                    f" {current[package]}"
+                    f"{path}: was made with {package} {format_value(version)}, but"
+                    f" {current[package]} is installed"
                 )
 
 

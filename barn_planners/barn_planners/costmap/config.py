@@ -65,7 +65,7 @@ class CostmapConfig(Checked):
     )
     clear_footprint: bool = quantity(True, "clear the cells of the padded footprint")
     recentre_cells: int = quantity(
-        1, "cells that the robot moves before the grid follows", "", 1, 1000
+        1, "cells that the robot moves before the grid is recentered", "", 1, 1000
     )
     as_costmap_2d: bool = optional(
         False,
@@ -152,7 +152,7 @@ class GlobalCostmapConfig(CostmapConfig):
         40.0, "side of the square without a map, or larger", "m", 1.0, LARGEST_SIDE_M
     )
     recentre_cells: int = quantity(
-        50, "cells that the robot moves before the grid follows", "", 1, 1000
+        50, "cells that the robot moves before the grid is recentered", "", 1, 1000
     )
     static_layer: bool = quantity(True, "use the obstacles of the map, if there is one")
     lidar_marks: bool = quantity(True, "mark what the lidar sees, even with a map")

@@ -27,7 +27,11 @@ class EBandConfig(Checked):
         0.05, "the goal is reached when turned to within this", "rad", 0.001, math.pi
     )
     min_overlap: float = quantity(
-        0.7, "bubbles overlap if nearer than this share of their radii", "", 0.1, 1.0
+        0.7,
+        "bubbles overlap if their centers are nearer than this share of both radii",
+        "",
+        0.1,
+        1.0,
     )
     tiny_bubble_m: float = quantity(
         0.01, "bubbles up to this radius cannot be inserted", "m", 0.001, 1.0

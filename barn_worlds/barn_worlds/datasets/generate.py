@@ -89,7 +89,7 @@ class DatasetParameters(Checked):
     )
     keep: int = quantity(
         0,
-        "worlds kept of those made, evenly spread over their order; 0: all",
+        "number of worlds to keep, evenly spread over their order; 0: all",
         "",
         0,
         MAX_WORLDS,

@@ -74,10 +74,10 @@ class MotionParameters(Checked):
     )
     speed_step_mps: float = quantity(0.1, "grid of speeds", "m/s", 0.01, 1.0)
     spread_min_mps: float = quantity(
-        0.0, "smallest standard deviation of a profile", "m/s", 0.0, 5.0
+        0.0, "smallest standard deviation of a profile's speeds", "m/s", 0.0, 5.0
     )
     spread_max_mps: float = quantity(
-        0.08, "largest standard deviation of a profile", "m/s", 0.0, 5.0
+        0.08, "largest standard deviation of a profile's speeds", "m/s", 0.0, 5.0
     )
     samples: int = quantity(
         10, "values of x at which a polynomial is sampled", "", 2, 1000

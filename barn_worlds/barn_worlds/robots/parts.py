@@ -91,7 +91,7 @@ class LidarConfig(Checked):
     )
     masked_from_rad: float = optional(
         0.0,
-        "beams from here to masked_to_rad read +inf, as behind a mast; equal: none",
+        "beams from here to masked_to_rad read +inf, as behind a mast; none if equal",
         "rad",
         -math.pi,
         math.pi,
