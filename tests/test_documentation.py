@@ -108,7 +108,7 @@ def test_every_column_is_described_in_its_order():
 
 
 def test_the_file_that_is_shown_is_a_campaign(tmp_path):
-    block = CAMPAIGNS.split("`barn run paper.yaml`:\n")[1].split("\nOptions on")[0]
+    block = CAMPAIGNS.split("`barn run paper.yaml`:\n")[1].split("\nOptions override")[0]
     text = "\n".join(line[4:] for line in block.splitlines())
     path = tmp_path / "paper.yaml"
     path.write_text(text)

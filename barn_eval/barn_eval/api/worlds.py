@@ -522,7 +522,7 @@ def plan(
     course: Sequence[float] = (),
     **config: Any,
 ) -> None:
-    """Write a plan (PDF) to build a world by: coordinates, counts, tiles to scale.
+    """Write a PDF to build a world by: coordinates, counts, tiles (1:10 if unset).
 
     Args:
         world: What is built.

@@ -113,7 +113,7 @@ def parse_commands_line(line: str, where: str) -> tuple[str, Floats]:
 def count_equal_commands(
     trials: Iterable[tuple[Hashable, str, str]],
 ) -> Counter[tuple[str, str]]:
-    """Return in how many trials two planners gave the same commands, by their names.
+    """Count trials in which two planners' lines of commands nearly agree, by names.
 
     Commands that hardly differ at any instant count as the same.
 

@@ -192,7 +192,7 @@ class EvaluatorLoop:
         return missing
 
     def restart(self, process: str, limit_s: float) -> None:
-        """Have the supervisor end a process and start it again; wait for its end only.
+        """Have a process ended and started again; return at its end or the limit.
 
         Without a supervisor it does nothing. After the limit it returns all the same.
 

@@ -436,7 +436,7 @@ def _compare_tables(folder: Path, rows: list[TrialResult]) -> Iterator[str]:
 
 
 def _compare_parquet(content: bytes, expected: pa.Table) -> str:
-    """Return how a Parquet file's bytes differ from the table, empty if not."""
+    """Return how a Parquet file differs from the table, or ""; raise if unreadable."""
     file = pyarrow.parquet.ParquetFile(pa.BufferReader(content))
 
     # Before it is read: run lengths let a kilobyte stand for any number of rows.

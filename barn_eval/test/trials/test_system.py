@@ -134,7 +134,7 @@ def test_systems_are_neither_compared_nor_ranked_together(folders, rejected, pri
     for other in (driven, log):
         error = rejected(f"compare {seen} {other}")
         assert "different systems cannot be compared: " in error
-        assert rejected(f"report {seen} {other} --out page.html") == error
+    assert rejected(f"report {seen} {log} --out page.html") == error
     boards = make_boards(folders)
     assert len(boards) == 3
     titles = [board.title for board in boards if "observed, not driven" in board.title]

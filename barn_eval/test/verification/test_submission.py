@@ -151,7 +151,7 @@ def test_equal_commands_of_two_planners_are_named(tmp_path, monkeypatch, command
     words = "dwa and gap have equal commands in 1 trials"
     assert (report.problems, report.notes) == ([], [f"{folder}: {words}"])
     (board,) = make_boards([folder])
-    assert f"{words}." in board.notes
+    assert f"DWA{words.removeprefix('dwa')}." in board.notes
     assert words in command(f"verify {path}")[2]
 
 

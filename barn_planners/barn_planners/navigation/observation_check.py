@@ -65,7 +65,7 @@ class ObservationCheck:
         self._nearest_return_m = 0.0
 
     def problem(self, observation: Observation) -> str:
-        """Return why an observation is unusable, or an empty text; store its stamp."""
+        """Return why an observation is older, invalid or blind, or ""; store its stamp."""
         stamp_ns = observation.stamp_ns
         if self._last_stamp_ns is not None and stamp_ns < self._last_stamp_ns:
             age_ns = self._last_stamp_ns - stamp_ns

@@ -184,7 +184,7 @@ def affine(values: FloatArray, weights: FloatArray, biases: FloatArray) -> Float
 
 
 def write_policy(path: Path, policy: Policy) -> None:
-    """Write a policy to a .npz file atomically, replacing one that exists.
+    """Write a policy to a .npz file atomically; make folders, replace what exists.
 
     Args:
         path: File to write or replace.

@@ -226,7 +226,7 @@ def _leave_lane(robot: Record, fixed: Record, lanes: Record, lane: int) -> Motio
 def _finish_sweeps(
     robot: Record, fixed: Record, noise: Floats, lanes: Record, lane: int
 ) -> None:
-    """Complete the tick of a robot by itself: sweeps left, motion and odometry."""
+    """Finish a tick out of the lane: friction sweeps left, motion and odometry."""
     left: Record = lanes.wheels[0]
     right: Record = lanes.wheels[1]
     rims = (left.rim_x[lane], right.rim_x[lane], left.rim_y[lane], right.rim_y[lane])

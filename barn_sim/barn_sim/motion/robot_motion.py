@@ -164,7 +164,7 @@ class RobotMotion:
         return self._placement[1]
 
     def remember_pose(self) -> None:
-        """Store the present pose, so that `poses_at` can interpolate from it."""
+        """Append the present pose to the past ones that `poses_at` interpolates."""
         pose, _ = self.place()
         self._past.append((self.stamp_ns, pose.x, pose.y, pose.yaw))
 

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
@@ -38,13 +39,15 @@ def figure_bytes(
         # The renderer of pixels, which needs no display.
         FigureCanvasAgg(figure)
     content = io.BytesIO()
-    figure.savefig(
-        content,
-        format=kind,
-        dpi=dots_per_inch,
-        bbox_inches="tight" if tight else None,
-        metadata=dict.fromkeys(_OMITTED_METADATA[kind]),
-    )
+    # Else the identifiers in an SVG file would be drawn at random.
+    with rc_context({"svg.hashsalt": "barn"}):
+        figure.savefig(
+            content,
+            format=kind,
+            dpi=dots_per_inch,
+            bbox_inches="tight" if tight else None,
+            metadata=dict.fromkeys(_OMITTED_METADATA[kind]),
+        )
     return content.getvalue()
 
 

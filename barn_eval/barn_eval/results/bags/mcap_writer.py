@@ -146,7 +146,7 @@ class McapWriter:
     def add_block(
         self, block: MessageBlock, rows: Iterable[Sequence[Any]], stamp_ns: int
     ) -> None:
-        """Add all messages of a block to the chunk.
+        """Add a block's messages, a row of values each, to the chunk in memory.
 
         Args:
             block: Block of this file.

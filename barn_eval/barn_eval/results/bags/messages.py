@@ -42,7 +42,7 @@ def trial_scene(spec: TrialSpec) -> TrialScene:
 
 
 def initial_scene(spec: TrialSpec, stamp_ns: int) -> OutgoingMessage:
-    """Return the scene at a trial's beginning as a message of topic /world.
+    """Return what stands, path, start and goal as a message of /world; no movers.
 
     Args:
         spec: The trial.
