@@ -28,7 +28,7 @@ LOWER_BOUNDS = {
     "packages": {"functions with Args [%]": 90.0, "comments [% of all lines]": 4.0}
 }
 # Tests may grow by about twice what the packages grow by.
-ALL_TOKENS = 794_500
+ALL_TOKENS = 794_600
 
 
 @pytest.fixture(scope="module")
