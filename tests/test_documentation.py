@@ -108,7 +108,8 @@ def test_every_column_is_described_in_its_order():
 
 
 def test_the_file_that_is_shown_is_a_campaign(tmp_path):
-    block = CAMPAIGNS.split("`barn run paper.yaml`:\n")[1].split("\nOptions override")[0]
+    _, following = CAMPAIGNS.split("`barn run paper.yaml`:\n")
+    block, _ = following.split("\nOptions override")
     text = "\n".join(line[4:] for line in block.splitlines())
     path = tmp_path / "paper.yaml"
     path.write_text(text)
