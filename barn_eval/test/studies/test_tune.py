@@ -55,7 +55,7 @@ def test_shipped_ranges_are_read_and_hold_the_defaults(name, tmp_path):
 
 NO_RANGES = """
 {}
-    must have parameters
+    must list parameters
 {max_speed_mps: {low: 1.0, high: 0.5}}
     max_speed_mps: must be low < high
 {max_speed_mps: 3}
