@@ -38,6 +38,8 @@ from barn_worlds.robots.files import load_robot
 RENDER_MODES = ("rgb_array",)
 _RESET_OPTIONS = ("world", "campaign_seed", "repetition")
 _FIRST = np.arange(1)
+# `info` of some environments, by their indices.
+_Infos: TypeAlias = dict[int, Info]
 
 
 class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignore[misc, unused-ignore]
@@ -308,10 +310,6 @@ def _check_options(options: Mapping[str, Any] | None) -> dict[str, int]:
             )
         checked[name] = int(value)
     return checked
-
-
-# `info` of some environments, by their indices.
-_Infos: TypeAlias = dict[int, Info]
 
 
 class JackalVectorEnv(SyncVectorEnv):

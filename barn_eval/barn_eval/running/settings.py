@@ -28,6 +28,13 @@ from barn_worlds.base.files import (
 )
 from barn_worlds.base.yaml_scalars import RosLoader
 
+MAX_SETTINGS = 400
+# Folder of the ROS parameter files that settings need.
+PARAMETERS = "parameters"
+
+# Values of each parameter.
+Sweep = Mapping[str, Sequence[Any]]
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -189,14 +196,6 @@ def _iterate_group(
             yield from _iterate_group(node, value, f"{prefix}{key}.")
         else:
             yield Parameter(node, f"{prefix}{key}", group, key)
-
-
-MAX_SETTINGS = 400
-# Folder of the ROS parameter files that settings need.
-PARAMETERS = "parameters"
-
-# Values of each parameter.
-Sweep = Mapping[str, Sequence[Any]]
 
 
 @dataclass(frozen=True)

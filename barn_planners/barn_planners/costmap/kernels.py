@@ -14,6 +14,11 @@ from barn_worlds.base.arrays import Bytes, Cells, Integers, Points, Singles, ker
 INSCRIBED = 253  # base_link in this cell: the footprint certainly touches
 LETHAL = 254  # an obstacle
 
+# What marks a cell.
+MARK = np.uint8(1)
+STATIC = np.uint8(2)
+_WHOLE_LINE = 2**62
+
 
 class Pose(NamedTuple):
     """A pose in the frame of the grid: m, m, rad."""
@@ -57,6 +62,29 @@ class Line(NamedTuple):
     # Direction, +1 or -1.
     row_step: int
     col_step: int
+
+
+class Marks(NamedTuple):
+    """Obstacles of a grid, and where they have changed since the last inflation."""
+
+    # (rows, columns): 0 (free), MARK (seen by the lidar), STATIC (of the map) or both.
+    cells: Bytes
+    # First row, end row, first column and end column of what has changed, (4,); nothing
+    # has while the end row is not beyond the first one.
+    bounds: Integers
+
+
+class Readings(NamedTuple):
+    """The beams of one scan and which of them count."""
+
+    directions: Points  # unit vectors (n, 2) of the beams
+    ranges: Singles  # (n,) m
+    # Valid ranges, the highest one excluded.
+    range_min: float
+    range_max: float
+    # Beams clear up to the first of these, hits nearer than the second are marked.
+    raytrace_range: float
+    obstacle_range: float
 
 
 @kernel
@@ -294,34 +322,6 @@ def edge_cost(costs: Bytes, corners: Points, grid: Grid) -> int:
             return -1
 
     return highest
-
-
-MARK = np.uint8(1)
-STATIC = np.uint8(2)
-_WHOLE_LINE = 2**62
-
-
-class Marks(NamedTuple):
-    """Obstacles of a grid, and where they have changed since the last inflation."""
-
-    # (rows, columns): 0 (free), MARK (seen by the lidar), STATIC (of the map) or both.
-    cells: Bytes
-    # First row, end row, first column and end column of what has changed, (4,); nothing
-    # has while the end row is not beyond the first one.
-    bounds: Integers
-
-
-class Readings(NamedTuple):
-    """The beams of one scan and which of them count."""
-
-    directions: Points  # unit vectors (n, 2) of the beams
-    ranges: Singles  # (n,) m
-    # Valid ranges, the highest one excluded.
-    range_min: float
-    range_max: float
-    # Beams clear up to the first of these, hits nearer than the second are marked.
-    raytrace_range: float
-    obstacle_range: float
 
 
 @kernel

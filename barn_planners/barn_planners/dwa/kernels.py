@@ -46,6 +46,20 @@ REACHED = np.uint8(2)
 _HEAD = 0  # place in the queue of the cell to go on with
 _TAIL = 1  # number of cells in the queue
 
+# Costs of samples that are not allowed.
+TOUCHES = -1.0  # the footprint touches an obstacle or leaves the costmap
+NO_WAY = -2.0  # no way leads from the rollout to the plan or to its end
+
+# Columns of the table of samples, of which the first two are given.
+SPEED, TURN, COST, END_X, END_Y, END_YAW, PATH, GOAL, OBSTACLE = range(9)
+COLUMNS = 9
+
+# Columns of the poses of a rollout.
+X, Y, YAW, COS, SIN = range(5)
+
+# More than a plan across the largest local costmap has.
+_MAX_PLAN_CELLS = 4096
+
 
 class Wavefront(NamedTuple):
     """Flat arrays over the padded grid, and how far the wavefront has come."""
@@ -252,21 +266,6 @@ def _spread(front: Wavefront, goal: np.uint64) -> None:
 
     front.ends[_HEAD] = head
     front.ends[_TAIL] = tail
-
-
-# Costs of samples that are not allowed.
-TOUCHES = -1.0  # the footprint touches an obstacle or leaves the costmap
-NO_WAY = -2.0  # no way leads from the rollout to the plan or to its end
-
-# Columns of the table of samples, of which the first two are given.
-SPEED, TURN, COST, END_X, END_Y, END_YAW, PATH, GOAL, OBSTACLE = range(9)
-COLUMNS = 9
-
-# Columns of the poses of a rollout.
-X, Y, YAW, COS, SIN = range(5)
-
-# More than a plan across the largest local costmap has.
-_MAX_PLAN_CELLS = 4096
 
 
 class Raster(NamedTuple):

@@ -53,6 +53,13 @@ FORMAT = NpzFormat(
     newer=(2,),
 )
 
+METADATA_KEY = "barn_policy"
+LARGEST_FILE = 64 * 1024 * 1024
+# Numbers of an input or output.
+LARGEST_ARRAY = 2_000_000
+# Of onnxruntime's log: a warning about shapes would go to the terminal.
+_ERRORS_ONLY = 3
+
 
 class PolicyError(BarnError):
     """A policy file that cannot be read or is malformed."""
@@ -253,14 +260,6 @@ def read_policy(path: Path) -> Policy:
 def _read_array(path: Path, arrays: Arrays, name: str, dimensions: int) -> Singles:
     """Return a float32 array of a file; WorldError if it is missing or another."""
     return FORMAT.array(arrays, name, path, [None] * dimensions, "float32")
-
-
-METADATA_KEY = "barn_policy"
-LARGEST_FILE = 64 * 1024 * 1024
-# Numbers of an input or output.
-LARGEST_ARRAY = 2_000_000
-# Of onnxruntime's log: a warning about shapes would go to the terminal.
-_ERRORS_ONLY = 3
 
 
 def load_network(path: Path) -> "PolicyNetwork | OnnxNetwork":

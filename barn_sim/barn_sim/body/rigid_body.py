@@ -46,6 +46,10 @@ from barn_worlds.base.errors import ConfigError
 # Slower spins than this turn the body by less than rounding.
 _STILL_RAD_S = 1e-12
 
+# Growth per tick, of the 2 at which an explicit integration becomes unstable.
+_STABLE = 1.9
+_LEVEL = 1e-12
+
 
 @inline_kernel
 def move_body(robot: Record, fixed: Record, motion: Motion) -> None:
@@ -156,11 +160,6 @@ def place_base(robot: Record, fixed: Record) -> None:
     robot.x = robot.position[0] - offset[0]
     robot.y = robot.position[1] - offset[1]
     robot.yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-
-
-# Growth per tick, of the 2 at which an explicit integration becomes unstable.
-_STABLE = 1.9
-_LEVEL = 1e-12
 
 
 class Tires:

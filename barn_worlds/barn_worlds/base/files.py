@@ -34,6 +34,13 @@ from barn_worlds.base.errors import (
 from barn_worlds.base.yaml_scalars import CoreLoader, Dumper
 
 LARGEST_FILE_BYTES = 256 * 1024 * 1024
+LARGEST_JSON_BYTES = 64 * 1024 * 1024
+LARGEST_YAML_BYTES = 256 * 1024
+LONGEST_LINE_BYTES = 1 << 20
+MOST_VALUES = 1_000_000
+DEEPEST = 60
+PlainData: TypeAlias = Any  # None, bool, int, float, str, lists and mappings of them
+_LARGEST_INTEGER = 2**63 - 1
 
 # What zipfile raises for damaged or hostile files.
 ZIP_ERRORS = (
@@ -265,15 +272,6 @@ def _sync(path: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
-
-
-LARGEST_JSON_BYTES = 64 * 1024 * 1024
-LARGEST_YAML_BYTES = 256 * 1024
-LONGEST_LINE_BYTES = 1 << 20
-MOST_VALUES = 1_000_000
-DEEPEST = 60
-PlainData: TypeAlias = Any  # None, bool, int, float, str, lists and mappings of them
-_LARGEST_INTEGER = 2**63 - 1
 
 
 def read_json(path: Path, largest: int = LARGEST_JSON_BYTES) -> PlainData:

@@ -57,6 +57,21 @@ DAMAGE = (
     TypeError,
 )
 
+# Bytes of all messages of a bag, and what each takes in memory beside its data.
+LARGEST_BAG = 1 << 29
+MESSAGE_BYTES = 256
+
+_LATEST_NS = (1 << 63) - 1  # no ROS clock reads more
+_BLOCK = 1 << 20
+
+# Endings of files and of files compressed as a whole, in the order of preference.
+_ENDINGS = (".mcap", ".mcap.zstd", ".db3", ".db3.zstd", ".bag")
+_ZSTD = b"\x28\xb5\x2f\xfd"  # how a compressed message begins
+_TOPICS = "SELECT id, name, type, serialization_format FROM topics"
+_MESSAGES = "SELECT topic_id, timestamp, data FROM messages ORDER BY timestamp, id"
+# Names that types had in ROS 1, of the same content.
+_ROS1_TYPES = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
+
 
 @dataclass(frozen=True, slots=True)
 class RawMessage:
@@ -219,22 +234,6 @@ def unpack_chunk(chunk: Chunk) -> bytes:
     if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
         raise ValueError("a chunk that has not its checksum")
     return data
-
-
-# Bytes of all messages of a bag, and what each takes in memory beside its data.
-LARGEST_BAG = 1 << 29
-MESSAGE_BYTES = 256
-
-_LATEST_NS = (1 << 63) - 1  # no ROS clock reads more
-_BLOCK = 1 << 20
-
-# Endings of files and of files compressed as a whole, in the order of preference.
-_ENDINGS = (".mcap", ".mcap.zstd", ".db3", ".db3.zstd", ".bag")
-_ZSTD = b"\x28\xb5\x2f\xfd"  # how a compressed message begins
-_TOPICS = "SELECT id, name, type, serialization_format FROM topics"
-_MESSAGES = "SELECT topic_id, timestamp, data FROM messages ORDER BY timestamp, id"
-# Names that types had in ROS 1, of the same content.
-_ROS1_TYPES = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
 
 
 class BagFile:
