@@ -182,12 +182,16 @@ def select_timely(rows: Rows, window_s: float) -> Rows:
     """
     starts_s = {}
     for row in rows:
-        if window_s and row.wall_clock.started_at:
+        if row.wall_clock.started_at:
             start = datetime.fromisoformat(row.wall_clock.started_at)
             starts_s[row.trial_id] = start.timestamp()
+    if not starts_s or not window_s:
+        return rows
+
+    window_end_s = min(starts_s.values()) + window_s
     timely = []
     for row in rows:
         end_s = starts_s.get(row.trial_id, -math.inf) + row.wall_clock.duration_s
-        if not starts_s or end_s <= min(starts_s.values()) + window_s:
+        if end_s <= window_end_s:
             timely.append(row)
     return timely

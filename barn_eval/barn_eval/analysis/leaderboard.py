@@ -158,7 +158,7 @@ def make_boards(
                 measure = MEASURES[RANKINGS[ranking]]
             board = make_board(label_entries(group.common_entries()), measure)
             if worlds != "all":
-                text = f"Ranked on the worlds of an option alone: {worlds}."
+                text = f"Only worlds that an option selects are ranked: {worlds}."
                 board = replace(board, notes=(text, *board.notes))
             boards.append(board)
     return [

@@ -300,9 +300,8 @@ def reproduce(source: Source) -> Reproduction:
     run = source.run_config
     planners = []
     for planner in run.planners:
-        # Nothing follows the name of a planner without a preset.
-        entry = f"{planner.entry_name}:{planner.preset}".removesuffix(":")
-        planners.append(f"{planner.name}={entry}" if planner.entry else entry)
+        text = planner.entry_text
+        planners.append(f"{planner.name}={text}" if planner.entry else text)
     # All that decides results is named, defaults too: those may change.
     words = ["barn", "run", "--dataset", run.dataset, "--worlds", run.worlds]
     words += ["--repetitions", str(run.repetitions), "--seed", str(run.seed)]

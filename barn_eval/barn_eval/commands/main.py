@@ -17,7 +17,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from barn_eval import __version__
-from barn_worlds.base.errors import BarnError, ExitCode, strip_controls, suggest
+from barn_worlds.base.errors import BarnError, ExitCode, join_lines, suggest
 from barn_worlds.base.garbage import reduce_garbage_collection
 
 _FILE = Path(__file__).parents[1] / "data" / "commands.json"
@@ -201,9 +201,7 @@ def _run(arguments: Sequence[str] | None) -> int:
         ImportError,
     ) as error:
         # Messages of YAML and libraries may have several lines.
-        click.echo(
-            "error: " + " ".join(strip_controls(_describe(error)).split()), err=True
-        )
+        click.echo(f"error: {join_lines(_describe(error))}", err=True)
         return error.exit_code if isinstance(error, BarnError) else ExitCode.REFUSED
     except Exception:
         # A fault of the suite's own must not look like a finding.

@@ -56,10 +56,10 @@ class NameType(click.types.StringParamType):
             incomplete: Beginning of its value.
         """
         before, comma, start = incomplete.rpartition(",")
-        chosen = before.split(",")
+        earlier_names = before.split(",")
         items = []
         for name in self._list_names():
-            if name.startswith(start) and name not in chosen:
+            if name.startswith(start) and name not in earlier_names:
                 items.append(CompletionItem(before + comma + name))
         return items or [CompletionItem(incomplete, type="file")]
 

@@ -62,14 +62,14 @@ class RecordField:
 def record_fields(record: Any) -> list[RecordField]:
     """Return the fields of a dataclass of rows, in their order."""
     hints = typing.get_type_hints(record)
-    records = []
+    record_items = []
     for item in fields(record):
         hint = hints[item.name]
         # Of an optional field, the type that it has if it is there.
         kinds = [kind for kind in typing.get_args(hint) if kind is not type(None)]
         kind = kinds[0] if kinds else hint
-        records.append(RecordField(item.name, kind, bool(kinds), item.default))
-    return records
+        record_items.append(RecordField(item.name, kind, bool(kinds), item.default))
+    return record_items
 
 
 _SCHEMA = pa.schema(
@@ -283,8 +283,8 @@ def _as_array(values: pa.ChunkedArray) -> Any:
 def _may_be_null(item: RecordField, nulls: int, text: str) -> bool:
     """Tell whether a field may be null so many times; Arrow takes missing for null."""
     if item.is_optional:
-        is_given = text.count(f'"{item.name}":null') == nulls
-        return is_given or item.default is not MISSING
+        is_written = text.count(f'"{item.name}":null') == nulls
+        return is_written or item.default is not MISSING
     # Left out, it has its default; as null, it is refused.
     return item.default is not MISSING and f'"{item.name}"' not in text
 

@@ -260,8 +260,8 @@ class ObservedSystem:
         is_mine = os.tcgetpgrp(terminal) == os.getpgrp()
         if is_mine and select.select([terminal], [], [], 0.0)[0]:
             key = sys.stdin.readline().strip().lower()
-            names = [name for name in _CALLS if key in (name, name[0])]
-            problem = self._take_call("".join(names))
+            name = next((name for name in _CALLS if key in (name, name[0])), "")
+            problem = self._take_call(name)
             if problem:
                 self._loop.note(problem)
 

@@ -67,7 +67,7 @@ def run_direct_trial(
     start_s = time.perf_counter()
     if planner is None:
         with _blame_planner():
-            planner = _make_planner(spec)
+            planner = make_planner(spec.entry_name, spec.preset, spec.overrides)
     bag = TrialBag(recorder, spec) if recorder else None
     driver = _DirectTrial(spec, planner, bag)
     verdict = driver.run()
@@ -127,17 +127,12 @@ def warm_up(spec: TrialSpec, *, with_planner: bool) -> None:
             simulator.sense()
             sensors = simulator.step(STOP)
             RunningTrial(spec).read(sensors.odometry, sensors.truth, sensors.collision)
-    planner_key = (spec.entry or spec.planner, spec.preset)
+    planner_key = (spec.entry_name, spec.preset)
     if with_planner and planner_key not in _warm:
         _warm.add(planner_key)
         with suppress(Exception):
-            planner = _make_planner(spec)
+            planner = make_planner(spec.entry_name, spec.preset, spec.overrides)
             PlannerRuntime(planner, seed=0, use_map=spec.protocol.map_given).warm_up()
-
-
-def _make_planner(spec: TrialSpec) -> Planner:
-    """Return a new planner of the registry for a trial."""
-    return make_planner(spec.entry or spec.planner, spec.preset, spec.overrides)
 
 
 @contextmanager

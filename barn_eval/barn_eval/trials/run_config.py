@@ -162,6 +162,12 @@ class PlannerChoice(Checked):
         return self.entry or self.name
 
     @property
+    def entry_text(self) -> str:
+        """Name in the registry and preset, as on the command line: "NAME:PRESET"."""
+        # Nothing follows the name of a planner without a preset.
+        return f"{self.entry_name}:{self.preset}".removesuffix(":")
+
+    @property
     def takes_goal_at_start(self) -> bool:
         """Whether its command or input has a placeholder of the goal."""
         return bool(_PLACEHOLDER.search(self.command + self.input))
@@ -245,10 +251,9 @@ class RunConfig(Checked):
         for place, planner in enumerate(self.planners):
             name = planner.name
             if name in names[:place]:
-                entry = f"{planner.entry_name}:{planner.preset}".removesuffix(":")
                 raise ConfigError(
                     f"planners names {name!r} twice; give one another name, such as"
-                    f" {name}_2={entry}"
+                    f" {name}_2={planner.entry_text}"
                 )
             if planner.source and over_ros:
                 raise ConfigError(
@@ -277,8 +282,8 @@ class RunConfig(Checked):
             is_own = not planner.registered and not self.system.is_observed
             if is_own and plain_name in planner_names():
                 raise ConfigError(
-                    f"planner {planner.name!r}: is a planner of the suite, without"
-                    " command or source; give yours another name"
+                    f"planner {planner.name!r}: is a planner of the suite; give yours"
+                    f" another name, such as my_{plain_name}"
                 )
 
     def compute_mode(self, compute: Compute) -> str:

@@ -64,6 +64,11 @@ class TrialSpec:
     system: System = SUITE
 
     @property
+    def entry_name(self) -> str:
+        """Name in the registry of a planner of the registry."""
+        return self.entry or self.planner
+
+    @property
     def trial_id(self) -> str:
         """Name of the trial, its bag and its picture, such as "dwa_w0012_r00"."""
         return format_trial_id(self.planner, self.world_number, self.repetition)

@@ -36,7 +36,7 @@ def observe(
     readings: Readings,
     outline: Points,
 ) -> None:
-    """Update marks by a scan, as `marks.observe`, but exactly as costmap_2d does.
+    """Update marks by a scan, as `kernels.observe`, but exactly as costmap_2d does.
 
     Follows `ObstacleLayer::updateBounds`.
 

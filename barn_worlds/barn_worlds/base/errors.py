@@ -163,13 +163,18 @@ def format_error(error: object) -> str:
     Objects that a library names by class and address are left out, and so are control
     characters, which would steer a terminal.
     """
-    text = _OBJECT.sub("", " ".join(strip_controls(str(error)).split()))
+    text = _OBJECT.sub("", join_lines(str(error)))
     return text[:_LONGEST_ERROR] or "no reason is known"
 
 
 def strip_controls(text: str) -> str:
     """Return text without characters that are not printed, but for white space."""
     return "".join(c for c in text if c.isprintable() or c.isspace())
+
+
+def join_lines(text: str) -> str:
+    """Return text on one line, without characters that are not printed."""
+    return " ".join(strip_controls(text).split())
 
 
 def suggest(name: object, candidates: Iterable[object]) -> str:

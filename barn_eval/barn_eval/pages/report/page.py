@@ -220,6 +220,9 @@ class Report(ChartData):
     simulated: Sequence[Entry]
     """Simulated trials that stand beside observed ones, in one table alone."""
 
+    pairs: TextTable | None
+    """That table; None without such trials."""
+
     progress: Progress
     """Receives the share that is done, from 0 to 1."""
 
@@ -242,8 +245,8 @@ class Report(ChartData):
     def tables(self) -> list[TextTable]:
         """All tables of the report, the headline table first."""
         tables = make_tables(self.entries, self.overview, self.columns)
-        if self.simulated:
-            tables.append(pair_by_world(self.entries, self.simulated))
+        if self.pairs is not None:
+            tables.append(self.pairs)
         return tables
 
     @cached_property
@@ -285,12 +288,14 @@ def build_report(
     entries = tuple(read_entries(paths))
     observed = [entry for entry in entries if entry.source.system.is_observed]
     simulated = [entry for entry in entries if entry not in observed]
+    pairs = None
     if observed and simulated:
         entries = tuple(label_entries(observed))
         for group in (observed, simulated):
-            require_same_task(list({entry.source.path: "" for entry in group}))
+            folders = dict.fromkeys(entry.source.path for entry in group)
+            require_same_task(list(folders))
         # Before what takes minutes: they may have nothing in common.
-        pair_by_world(entries, simulated)
+        pairs = pair_by_world(entries, simulated)
     else:
         require_same_task(expand_sweeps(paths))
         simulated = []
@@ -310,6 +315,7 @@ def build_report(
         hardest=hardest,
         columns=keys,
         simulated=simulated,
+        pairs=pairs,
         progress=progress,
     )
 
