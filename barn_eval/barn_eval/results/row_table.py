@@ -13,12 +13,15 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.json
 
-from barn_eval.trials.result import SCHEMA_VERSION, Outcome, Rows, TrialResult
+from barn_eval.trials.result import READABLE_SCHEMAS, Outcome, Rows, TrialResult
 from barn_worlds.base.arrays import Bools, Integers
 from barn_worlds.base.config import as_dict
 
 # So many rows are in memory as objects while a table is read or iterated over.
 BATCH_ROWS = 1024
+
+# What rows of these lack has a default. Rows of schema 2 may need run.json.
+_PLAIN_SCHEMAS = set(READABLE_SCHEMAS) - {2}
 
 _ARROW_TYPES: dict[type, pa.DataType] = {
     bool: pa.bool_(),
@@ -206,10 +209,10 @@ def systems(rows: Rows) -> list[str]:
 
 
 def parse_rows(lines: Sequence[str]) -> RowTable | None:
-    """Return the rows in lines as this version writes them, without checksum.
+    """Return the rows in lines as some version wrote them, without checksum.
 
-    None if there may be anything else in one, which then has to be read by itself: an
-    older schema, or what is refused.
+    None if there may be anything else in one, which then has to be read by itself: the
+    oldest schema, or what is refused.
     """
     text = "\n".join(lines)
     # What begins so is an object of its own, as no nested object has this key. Arrow
@@ -229,8 +232,9 @@ def parse_rows(lines: Sequence[str]) -> RowTable | None:
     records = table.combine_chunks().to_struct_array().combine_chunks()
     is_whole = len(records) == len(lines) and _has_all(records, TrialResult, text)
     outcomes = set(table["outcome"].unique().to_pylist())
-    schemas = table["schema_version"].unique().to_pylist()
-    if is_whole and outcomes <= set(Outcome) and schemas == [SCHEMA_VERSION]:
+    schemas = set(table["schema_version"].unique().to_pylist())
+    is_known = outcomes <= set(Outcome) and schemas <= _PLAIN_SCHEMAS
+    if is_whole and is_known:
         return RowTable(_flatten(table))
     return None
 

@@ -60,7 +60,11 @@ def test_rows_come_back_from_columns_as_from_their_lines():
         ('"task":""', '"task":"\\ud800"'),
         ('"metric":""', '"metric":"","delays":null'),
         ('"outcome":"success"', '"outcome":"won"'),
-        (f'"schema_version":{SCHEMA_VERSION}', '"schema_version":4'),
+        (f'"schema_version":{SCHEMA_VERSION}', '"schema_version":2'),
+        (
+            f'"schema_version":{SCHEMA_VERSION}',
+            f'"schema_version":{SCHEMA_VERSION + 1}',
+        ),
         ('{"trial_id"', '{}{"trial_id"'),
     ],
 )
@@ -69,6 +73,17 @@ def test_what_may_be_anything_else_is_read_line_by_line(old, new):
     assert line.count(old) == 1
     assert parse_rows([line]) == [FIRST]
     assert parse_rows([line, line.replace(old, new)]) is None
+
+
+def test_rows_of_earlier_schemas_have_the_defaults_of_what_they_lack():
+    content = json.loads(to_json_line(FIRST)) | {"schema_version": 3}
+    for key in ("planner_config", "task"):
+        del content[key]
+    del content["wall_clock"]["attempts"]
+    line = json.dumps(content, separators=(",", ":"))
+    table = parse_rows([line, line])
+    assert table == 2 * [from_json_line(line, "")]
+    assert table[0].wall_clock.attempts == WallClock.attempts
 
 
 def test_a_table_is_read_with_few_rows_alive(tmp_path, monkeypatch):
