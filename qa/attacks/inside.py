@@ -43,7 +43,7 @@ _LEAST_MS = 10.0
 def attack(name: str, tries: str) -> Callable[[Callable[[Path], str]], None]:
     """Add an attack that returns by what it was seen or prevented, "" if by nothing.
 
-    It gets the folder for its results, which is not there yet.
+    It gets an empty folder.
     """
 
     def keep(act: Callable[[Path], str]) -> None:
@@ -54,11 +54,10 @@ def attack(name: str, tries: str) -> Callable[[Callable[[Path], str]], None]:
 
 def try_in_folder(act: Callable[[Path], str]) -> str:
     """Try an attack in a folder that is deleted afterwards."""
-    with tempfile.TemporaryDirectory() as folder:
-        try:
-            return act(Path(folder) / "out")
-        except barn.BarnError as error:
-            return f"refused: {error}".replace(folder, "")
+    with tempfile.TemporaryDirectory(prefix="barn-attacks-") as name:
+        folder = Path(name, "out")
+        folder.mkdir()
+        return act(folder).replace(name, "")
 
 
 class Loser(Straight):  # type: ignore[misc]
@@ -226,14 +225,16 @@ def _(out: Path) -> str:
     identity = {key: getattr(spec, key) for key in keys}
     rewrite_rows(out, lambda rows: [rows[0] | identity])
     rename_lines(out, "gap_w0120_r00", spec.trial_id)
-    submit(out, out.with_name("dwa.zip"))
+    try:
+        submit(out, out.with_name("dwa.zip"))
+    except barn.BarnError as error:
+        return f"refused: {error}"
     check, _ = verify(out.with_name("dwa.zip"), out.with_name("unpacked"))
     return next(iter(check.problems), "")
 
 
 @attack("name/worlds", "Easy worlds are called barn300, with numbers of hard ones.")
 def _(out: Path) -> str:
-    out.mkdir()
     path = out / "barn300.npz"
     write_dataset_file(path, "barn300", {290: open_dataset("barn300").load(0)})
     row = barn.load(drive(out / "run", "gap", "290", dataset=str(path))).trials[0]

@@ -5,10 +5,8 @@ import math
 import shutil
 import sqlite3
 import sys
-import tempfile
 import time
 import tracemalloc
-from collections.abc import Callable
 from contextlib import closing
 from dataclasses import replace
 from http import HTTPStatus
@@ -24,6 +22,7 @@ TESTS = Path(__file__).resolve().parents[2] / "barn_eval" / "test"
 sys.path.insert(0, str(TESTS))
 
 from foreign_bags import edited, messages_of, write_bag  # noqa: E402
+from inside import attack  # noqa: E402
 from planners import Steady, Straight, run_inline, spec_of  # noqa: E402
 from rosbags.rosbag1 import Writer  # noqa: E402
 from rosbags.typesys import Stores, get_typestore  # noqa: E402
@@ -46,23 +45,10 @@ from barn_worlds.base.types import Velocity2D  # noqa: E402
 from barn_worlds.moving.motion import Motion, MovingObstacle  # noqa: E402
 from barn_worlds.worlds.world import World  # noqa: E402
 
-ATTACKS: dict[str, tuple[str, Callable[[Path], str]]] = {}
 _SLOW_S = 0.2
 _SLOW_CYCLES = 10
 _TOPICS = 3000  # of one number, each with as many messages
 _UNPACKED = 1 << 28
-
-
-def attack(name: str, tries: str) -> Callable[[Callable[[Path], str]], None]:
-    """Add an attack that returns by what it was seen or prevented, "" if by nothing.
-
-    It gets an empty folder.
-    """
-
-    def keep(act: Callable[[Path], str]) -> None:
-        ATTACKS[name] = (tries, act)
-
-    return keep
 
 
 class Thinking(Planner):
@@ -159,7 +145,7 @@ def _(folder: Path) -> str:
 def _(folder: Path) -> str:
     choices: Any = {"straight": Straight}
     run_inline("0,30", choices, CHALLENGE, out=folder / "a", seed=5)
-    return find_note([folder / "a"], "alone", worlds="30")
+    return find_note([folder / "a"], "option selects", worlds="30")
 
 
 @attack("computing/hard-worlds", "It computes for long in a third of its trials.")
@@ -254,9 +240,3 @@ def _(folder: Path) -> str:
         text = f"{answer.status}: {answer.read().decode()}"
         connection.close()
     return "" if answer.status == HTTPStatus.OK else text
-
-
-def try_in_folder(act: Callable[[Path], str]) -> str:
-    """Return what an attack returns, tried in a folder that is removed."""
-    with tempfile.TemporaryDirectory(prefix="barn-attacks-") as name:
-        return act(Path(name)).replace(name, "")
