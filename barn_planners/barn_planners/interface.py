@@ -38,9 +38,9 @@ class PlannerStatus(str, Enum):
     RECOVERING = "recovering"
     """Driving to free itself, for example turning in place, before it goes on."""
     BLOCKED = "blocked"
-    """Without a safe command in this cycle; the next cycle may have one again."""
+    """No command is safe in this cycle; one may be in the next."""
     FAILED = "failed"
-    """Given up for this trial."""
+    """The planner has given up on this trial."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,8 +65,8 @@ class Observation:
     scan: Scan
     """Lidar scan: `ranges` is float32 (beams,) in m, +inf where a beam returned nothing
     (REP-117). `angles()` is float64 (beams,) in rad in the lidar's frame, 0 ahead and
-    positive to the left. Ranges are valid from `range_min` to `range_max`; to all
-    planners of the suite others are no return, and so is 0 (`shortest_return_m`)."""
+    positive to the left. Ranges are valid from `range_min` to `range_max`. All planners
+    of the suite treat any other range, and 0, as no return (`shortest_return_m`)."""
     pose: Pose2D
     """Pose of the robot in the planning frame, which is also the frame of the goal."""
 
@@ -83,7 +83,7 @@ class Decision:
     plan: FloatArray | None = None
     """Points (n, 2) in m in the planning frame, if this cycle has a new global plan."""
     diagnostics: Mapping[str, float] = field(default_factory=dict)
-    """Figures of this cycle for logs, by name; the names end in SI units."""
+    """Values of this cycle for logs, by name. Names end in SI units."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +114,7 @@ class Planner(ABC):
 
     @abstractmethod
     def start(self, task: Task, seed: int) -> None:
-        """Begin a new trial and forget the last one; comes before any `step` of it.
+        """Begin a new trial and forget the last one; called before its first `step`.
 
         Args:
             task: Goal to reach, and a map if the protocol gives one.
@@ -124,15 +124,15 @@ class Planner(ABC):
 
     @abstractmethod
     def step(self, observation: Observation) -> Decision:
-        """Return command and status of one control cycle.
+        """Return the decision of one control cycle: a command and a status.
 
-        It must not raise, whatever the observation contains: answer unusable readings with
-        a stop and a reason. The command must be finite.
+        An implementation must not raise, whatever the observation contains: it answers
+                unusable readings with a stop and a reason. The command must be finite.
         """
 
     def view(self) -> PlannerView:
         """Return what the last cycle considered, for display; empty by default.
 
-        It is called only if someone is watching.
+        The runtime calls it only if someone is watching.
         """
         return PlannerView()

@@ -31,7 +31,7 @@ _BUILT_IN = {
 
 @dataclass(frozen=True)
 class PlannerEntry:
-    """Everything the suite has to know about a planner to make it by name."""
+    """All that the suite needs to make a planner by name."""
 
     build: Callable[[Any], Planner]
     """Makes a planner from a configuration of `config_class`."""
@@ -40,13 +40,13 @@ class PlannerEntry:
     settings per protocol has the single preset "default"."""
     summary: str = ""
     fit: Callable[[Any, Robot], dict[str, Any]] | None = None
-    """Parameters that another robot than the Jackal changes, by dotted name. Raises
-    ConfigError if the planner cannot drive that robot."""
+    """Returns the parameters to change for a robot other than the Jackal, by dotted
+    name. Raises ConfigError if the planner cannot drive that robot."""
     speed_cap: Callable[[Any], float] | None = None
     """Highest speed in m/s, forward or backward, that a configuration commands. None:
     the highest of its parameters named `max_speed_mps`."""
     compute: Compute | None = None
-    """Declared time of a cycle on the reference computer. None: no delay."""
+    """Declared computing time of a cycle on the reference computer. None: no delay."""
 
     def __post_init__(self) -> None:
         """Raise ConfigError if there is no preset."""
@@ -55,16 +55,18 @@ class PlannerEntry:
 
     @property
     def config_class(self) -> type[Checked]:
-        """Class of the planner's configuration: that of its first preset."""
+        """Class of the planner's configuration, taken from its first preset."""
         return type(next(iter(self.presets.values())))
 
 
-# Also what `register` added: tests and notebooks have no entry points.
+# Includes what `register` added, because tests and notebooks have no entry points.
 _loaded_entries: dict[str, PlannerEntry] = {}
 
 
 def register(name: str, entry: PlannerEntry) -> None:
-    """Add a planner by name to this process; packages use the entry point instead.
+    """Register a planner in this process; raise ConfigError if its name is taken.
+
+    Packages use the entry point instead.
 
     Args:
         name: Name that `make_planner` and the option --planner accept from now on.
@@ -74,7 +76,7 @@ def register(name: str, entry: PlannerEntry) -> None:
         ConfigError: If another planner has the name.
     """
     if name in planner_names():
-        raise ConfigError(f"a planner named {name!r} exists already")
+        raise ConfigError(f"a planner named {name!r} already exists")
     _loaded_entries[name] = entry
 
 
@@ -86,7 +88,7 @@ def planner_names() -> list[str]:
 
 
 def planner_entry(name: str) -> PlannerEntry:
-    """Return a planner's entry, importing its module; raise ConfigError if unknown.
+    """Return a planner's entry, importing its module; ConfigError if that fails.
 
     Raises:
         ConfigError: If the name is unknown or the module cannot be loaded.
@@ -147,7 +149,7 @@ def planner_config(
 
 
 def speed_cap_mps(name: str, config: Checked) -> float:
-    """Return the highest speed in m/s that a configuration declares, 0 without any.
+    """Return the highest speed in m/s that a configuration declares, 0 if it has none.
 
     Args:
         name: Name of the planner.

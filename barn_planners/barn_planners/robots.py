@@ -1,7 +1,7 @@
 """What of a planner's preset changes for another robot than the Jackal, and how.
 
-All presets are the Jackal's. A robot whose circumscribed circle about base_link is s
-times the Jackal's gets the Jackal's planner drawn s times as large:
+All presets are for the Jackal. For a robot whose circumscribed circle about base_link
+is s times as large, the planner's parameters change as follows:
 
 - lengths grow by s; times stay;
 - speeds and accelerations grow by s, up to the robot's limits;
@@ -46,12 +46,12 @@ _LIDAR_FIELDS = {
 
 
 def robot_scale(robot: Robot) -> float:
-    """Return a robot's circumscribed radius about base_link over the Jackal's."""
+    """Return the ratio of a robot's circumscribed radius (base_link) to the Jackal's."""
     return robot.chassis.circumscribed_m / STANDARD_ROBOT.chassis.circumscribed_m
 
 
 def fit_to_robot(config: Checked, robot: Robot) -> dict[str, Any]:
-    """Return a robot's new parameters by dotted name, but for the mount of its lidar.
+    """Return the parameters that change for a robot, except its lidar's mount.
 
     Args:
         config: Configuration of a planner for the Jackal.
@@ -74,7 +74,7 @@ def fit_to_robot(config: Checked, robot: Robot) -> dict[str, Any]:
 
 
 def lidar_mount_changes(config: Checked, lidar: LidarConfig) -> dict[str, float]:
-    """Return a lidar's mount by dotted parameter name, where `config` differs from it.
+    """Return a lidar's mount by dotted name, leaving out what `config` has already.
 
     Args:
         config: Configuration of a planner.
@@ -94,7 +94,7 @@ def lidar_mount_changes(config: Checked, lidar: LidarConfig) -> dict[str, float]
 def fit_parameters(
     name: str, preset: str, overrides: Mapping[str, Any], robot: Robot
 ) -> dict[str, Any]:
-    """Return what differs from a preset, by dotted name: for a robot and by overrides.
+    """Return all changes of a preset by dotted name: for a robot, then `overrides`.
 
     Args:
         name: Name of the planner.
@@ -129,7 +129,7 @@ def _last_part(name: str) -> str:
 
 
 def _scale_parameters(config: Checked, robot: Robot, scale: float) -> dict[str, Any]:
-    """Return all scaled parameters by dotted name, within their allowed ranges."""
+    """Return the parameters that scaling changes, within their allowed ranges."""
     weights = _WEIGHTS_PER_METER
     if getattr(getattr(config, "dwa", None), "distances_in_metres", False):
         weights += _DWA_WEIGHTS
@@ -154,7 +154,7 @@ def _scale_parameters(config: Checked, robot: Robot, scale: float) -> dict[str, 
 
 
 def _scale_by_unit(parameter: str, value: float, scale: float, robot: Robot) -> float:
-    """Return a value scaled as its parameter's unit says, within the robot's limits."""
+    """Return a value scaled by its parameter's unit and limited to what the robot can."""
     drive = robot.drive
     if parameter.endswith("_per_m"):
         return value / scale
@@ -178,8 +178,8 @@ def _fit_dwa(config: Checked, robot: Robot, scale: float) -> dict[str, float]:
     if dwa is None:
         return {}
 
-    # A robot that accelerates slowly needs a window that opens for longer: from rest it
-    # would otherwise sample nothing but creeping.
+    # A robot that accelerates slowly needs a window that opens for longer. Otherwise
+    # it would sample only creeping speeds from rest.
     slowness = max(
         1.0, scale * dwa.acceleration_mps2 / robot.drive.max_acceleration_m_s2
     )
@@ -233,7 +233,7 @@ def _fit_costmap(
 
 
 def _fit_body(config: Checked, robot: Robot) -> dict[str, float]:
-    """Return a robot's sizes in m for planners without a costmap, by dotted name."""
+    """Return a robot's sizes in m for those size parameters that `config` has."""
     half_x, half_y = _half_sizes(robot.chassis.hull_m)
     inscribed_m = robot.chassis.inscribed_m
     circumscribed_m = robot.chassis.circumscribed_m
@@ -258,7 +258,7 @@ def _fit_body(config: Checked, robot: Robot) -> dict[str, float]:
 
 
 def _half_sizes(corners: Sequence[Corner]) -> tuple[float, float]:
-    """Return half the length and width of the smallest rectangle about the origin."""
+    """Return half length and width of the rectangle about 0 that covers all corners."""
     return max(abs(x) for x, _ in corners), max(abs(y) for _, y in corners)
 
 

@@ -11,6 +11,6 @@ TOPICS = ("cmd_vel", "scan", "odom", "goal_pose", "map", "amcl_pose")
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return the planner's node and its launch arguments."""
+    """Return a launch description of the planner's node and its arguments."""
     launch = NodeLaunch("barn_planners", "planner", TOPICS, use_sim_time=True)
     return launch.description()

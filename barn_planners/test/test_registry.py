@@ -138,7 +138,7 @@ def test_a_registered_planner_is_found_and_names_are_unique():
     register("stand", ENTRY)
     assert "stand" in planner_names() and isinstance(make_planner("stand"), Stand)
     for name in ("stand", "dwa"):
-        with pytest.raises(ConfigError, match="exists already"):
+        with pytest.raises(ConfigError, match="already exists"):
             register(name, ENTRY)
 
 

@@ -122,7 +122,7 @@ def test_what_the_user_sets_wins():
 
 
 def test_the_shipped_policy_is_for_the_jackal_alone():
-    message = r"^planner 'policy': the shipped policy was trained for the Jackal alone"
+    message = r"^planner 'policy': the shipped policy was trained only for the Jackal"
     for name in ("", "moving"):
         with pytest.raises(ConfigError, match=message):
             configured("policy", HUSKY, policy_path=name)

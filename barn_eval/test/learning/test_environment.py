@@ -583,7 +583,7 @@ def test_a_wrong_option_of_a_reset_is_told(make, options):
 
 def test_a_lidar_that_sees_too_little_is_told(make):
     env = make(simulator={"lidar.angle_min_rad": -1.0, "lidar.angle_max_rad": 1.0})
-    with refused("the scan only from", BarnError):
+    with refused("the scan covers only", BarnError):
         env.reset(seed=0)
 
 

@@ -134,7 +134,7 @@ FAULTS = """
 raises          | planner_died    | RuntimeError: out of ideas
 raises at start | planner_died    | OSError: no such
 nan             | invalid_command | command (nan m/s, 0.0 rad/s) is not finite
-no decision     | planner_died    | TypeError: step of a planner must return a Decision, such as
+no decision     | planner_died    | TypeError: a planner's step must return a Decision, such as
 no velocity     | planner_died    | TypeError: command must be a Velocity2D or None, got (0.5, 0.0)
 no number       | planner_died    | ValueError: could not convert string to float: 'fast'
 no status       | planner_died    | ValueError: 'fast' is not a valid PlannerStatus

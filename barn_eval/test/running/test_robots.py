@@ -151,7 +151,7 @@ def test_a_robot_wider_than_all_passages_meets_scaled_worlds():
 
 def test_a_planner_that_cannot_drive_it_is_refused(rejected):
     message = rejected("run --worlds 0 --planner policy --robot husky --out unused")
-    assert "the shipped policy was trained for the Jackal alone" in message
+    assert "the shipped policy was trained only for the Jackal" in message
 
 
 def test_results_say_which_robot(folders):

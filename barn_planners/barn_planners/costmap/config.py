@@ -43,12 +43,12 @@ class CostmapConfig(Checked):
     )
     inscribed_radius_m: float = quantity(
         0.0,
-        "cells within this distance of obstacles cost 253; 0: the footprint's",
+        "cells within this distance of obstacles cost 253; 0: use the footprint's radius",
         "m",
         minimum=0.0,
     )
     inflation_radius_m: float = quantity(
-        0.30, "cells further from any obstacle cost nothing", "m", minimum=0.0
+        0.30, "cells farther than this from any obstacle cost nothing", "m", minimum=0.0
     )
     cost_scaling_per_m: float = quantity(
         10.0, "rate at which the cost falls beyond the inscribed radius", "1/m"
@@ -69,14 +69,14 @@ class CostmapConfig(Checked):
     )
     as_costmap_2d: bool = optional(
         False,
-        "true: rays, footprint and window are costmap_2d's (a quirk)",
+        "true: rays, footprint and window follow costmap_2d exactly (a quirk)",
     )
     inflates_by_front: bool = optional(
-        False, "true: cost by the front that comes first (a slow quirk)"
+        False, "true: costs come from the front that arrives first (a slow quirk)"
     )
     footprint: str = optional(
         "",
-        "convex outline [[x, y], ...] in place of the half sizes",
+        "convex outline [[x, y], ...] instead of the half sizes",
         "m",
     )
     clockwise_outline: bool = optional(
@@ -149,7 +149,7 @@ class GlobalCostmapConfig(CostmapConfig):
     """The costmap of the global plan; without a map it rolls along with the robot."""
 
     size_m: float = quantity(
-        40.0, "side of the square without a map, or larger", "m", 1.0, LARGEST_SIDE_M
+        40.0, "smallest side of the square if there is no map", "m", 1.0, LARGEST_SIDE_M
     )
     recentre_cells: int = quantity(
         50, "cells that the robot moves before the grid is recentered", "", 1, 1000

@@ -14,7 +14,9 @@ class DwaConfig(Checked):
     min_speed_mps: float = quantity(
         0.1, "slowest forward speed that is sampled", "m/s", 0.0, 10.0
     )
-    max_turn_radps: float = quantity(1.57, "fastest turn sampled", "rad/s", 0.01, 20.0)
+    max_turn_radps: float = quantity(
+        1.57, "highest yaw rate sampled", "rad/s", 0.01, 20.0
+    )
     min_turn_in_place_radps: float = quantity(
         0.314, "slowest turn in place", "rad/s", 0.0, 20.0
     )
@@ -35,11 +37,11 @@ class DwaConfig(Checked):
         0.02, "distance between poses of a rollout", "m", 0.001, 1.0
     )
     turn_granularity_rad: float = quantity(
-        0.02, "a rollout has one pose per this much turn", "rad", 0.001, 1.0
+        0.02, "turn between poses of a rollout", "rad", 0.001, 1.0
     )
-    speed_samples: int = quantity(6, "sampled forward speeds", "", 2, 200)
+    speed_samples: int = quantity(6, "number of sampled forward speeds", "", 2, 200)
     turn_samples: int = quantity(
-        20, "sampled turns for each speed, and in place", "", 3, 200
+        20, "number of sampled yaw rates for each speed, and in place", "", 3, 200
     )
     sample_highest_turn: bool = quantity(
         True, "false: straight ahead replaces the highest turn (a quirk)"
@@ -57,13 +59,17 @@ class DwaConfig(Checked):
         False, "true: distances in meters; false: in cells (the original does both)"
     )
     heading_lookahead_m: float = quantity(
-        0.325, "how far ahead a turn in place looks at the goal", "m", 0.0, 5.0
+        0.325,
+        "distance ahead at which a turn in place is compared with the goal",
+        "m",
+        0.0,
+        5.0,
     )
     oscillation_reset_m: float = quantity(
-        0.05, "after this way a turn in place may change direction", "m", 0.0, 5.0
+        0.05, "distance after which a turn in place may change direction", "m", 0.0, 5.0
     )
     turn_past_blocked: bool = optional(
-        False, "true: a turn may win though no way leads on (a quirk)"
+        False, "true: a turn may win even if no way leads on (a quirk)"
     )
     skip_slow_turns: bool = optional(
         False, "true: no turns in place within a step of zero (a quirk)"
@@ -76,7 +82,7 @@ class DwaConfig(Checked):
     )
     escape_speed_mps: float = quantity(
         -0.5,
-        "escape speed where nothing else is allowed, as far as max_speed_mps goes",
+        "speed of an escape, if nothing else is allowed; limited by max_speed_mps",
         "m/s",
         -10.0,
         0.0,
@@ -87,21 +93,29 @@ class DwaConfig(Checked):
     escape_reset_m: float = quantity(
         0.1, "an escape ends after this distance", "m", 0.0, 5.0
     )
-    escape_reset_rad: float = quantity(0.1, "or after this turn", "rad", 0.0, 3.2)
+    escape_reset_rad: float = quantity(
+        0.1, "an escape also ends after this turn", "rad", 0.0, 3.2
+    )
     xy_tolerance_m: float = quantity(
-        0.25, "the goal's position counts as reached within this", "m", minimum=0.01
+        0.25,
+        "distance within which the goal's position counts as reached",
+        "m",
+        minimum=0.01,
     )
     yaw_tolerance_rad: float = quantity(
-        0.157, "the goal's heading counts as reached within", "rad", minimum=0.001
+        0.157,
+        "angle within which the goal's heading counts as reached",
+        "rad",
+        minimum=0.001,
     )
     roll_out_goal_turn: bool = optional(
         False, "true: braking and turning at the goal are rolled out"
     )
     stopped_mps: float = quantity(
-        0.05, "slower than this counts as stopped", "m/s", 0.0001, 1.0
+        0.05, "a lower speed counts as stopped", "m/s", 0.0001, 1.0
     )
     stopped_radps: float = quantity(
-        0.05, "turning slower than this counts as stopped", "rad/s", minimum=0.0001
+        0.05, "a lower yaw rate counts as stopped", "rad/s", minimum=0.0001
     )
 
     def __post_init__(self) -> None:

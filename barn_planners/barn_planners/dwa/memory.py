@@ -44,7 +44,7 @@ class GoalTurn:
     ) -> Control:
         """Return a command that brakes, then turns in place; STOP once it is aligned.
 
-        There is none, with a reason, if `allows` refuses the command.
+        If `allows` refuses the command, there is a reason and no command.
 
         Args:
             inputs: Input of the cycle.
@@ -82,8 +82,8 @@ class GoalTurn:
     def _turn_rate(self, angle: float, present: float) -> float:
         """Return the signed yaw rate in rad/s for an angle in rad that remains.
 
-        `present` is the absolute yaw rate now. It is slow enough to stop in time, but
-        not slower than `min_turn_in_place_radps`.
+        The rate is low enough to stop in time, but at least `min_turn_in_place_radps`.
+        `present` is the absolute yaw rate now.
         """
         config = self._config
         slowest = config.min_turn_in_place_radps
@@ -98,7 +98,7 @@ class GoalTurn:
 
 
 class DwaMemory:
-    """Keeps the robot from oscillating in place and from driving on into an escape.
+    """Forbids samples by which a robot would oscillate in place or undo an escape.
 
     Follows the flags stuck_left, stuck_right and escaping_ of trajectory_planner.cpp.
     """
@@ -128,7 +128,7 @@ class DwaMemory:
     def allowed_turns(self) -> tuple[bool, bool]:
         """Return whether turns in place are allowed: (to the left, to the right).
 
-        After two to one side the other is forbidden until the robot has moved.
+        After two turns to one side, the other side is forbidden until the robot moves.
         """
         return not self._turns_twice[RIGHT], not self._turns_twice[LEFT]
 
@@ -140,7 +140,7 @@ class DwaMemory:
             speed: Forward speed of the sample in m/s.
             turn: Yaw rate of the sample in rad/s.
         """
-        # Only turns in place can go on for ever.
+        # Only turns in place can go on forever.
         if speed <= 0.0:
             side = LEFT if turn > 0.0 else RIGHT
             self._turns_twice[side] = self._turns_once[side]

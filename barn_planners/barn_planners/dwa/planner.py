@@ -114,7 +114,7 @@ class DwaController(Controller):
         )
 
     def _drive(self, inputs: ControlInput, end: Pose2D) -> Control:
-        """Return the best allowed sample, else an escape, else no command and why.
+        """Return the best allowed sample, else an escape, else only a reason.
 
         Table, command and memory of the cycle are kept.
         """
@@ -193,8 +193,8 @@ class DwaController(Controller):
     def _has_room(self, inputs: ControlInput, command: Velocity2D) -> bool:
         """Return whether no obstacle forbids a command at the goal.
 
-        Only with `roll_out_goal_turn` is the command rolled out; else the present pose
-        counts.
+        With `roll_out_goal_turn` the command is rolled out; otherwise only the present
+        pose is checked.
         """
         if self.config.roll_out_goal_turn:
             return self._cost(command, _start(inputs)) >= 0.0

@@ -21,10 +21,18 @@ class EBandConfig(Checked):
         0.0, "lowest yaw rate when turning in place", "rad/s", 0.0, 10.0
     )
     xy_tolerance_m: float = quantity(
-        0.1, "the final turn starts within 0.6 times this from the goal", "m", 0.01, 5.0
+        0.1,
+        "the final turn starts within 0.6 times this distance of the goal",
+        "m",
+        0.01,
+        5.0,
     )
     yaw_tolerance_rad: float = quantity(
-        0.05, "the goal is reached when turned to within this", "rad", 0.001, math.pi
+        0.05,
+        "angle within which the goal's heading counts as reached",
+        "rad",
+        0.001,
+        math.pi,
     )
     min_overlap: float = quantity(
         0.7,
@@ -61,15 +69,21 @@ class EBandConfig(Checked):
         2.0, "share of top speed per m of bubble", "1/m", minimum=0.0
     )
     rotation_threshold_multiplier: float = quantity(
-        1.0, "turn in place beyond this many bubble angles", "", 0.0, 10.0
+        1.0,
+        "turn in place if the bearing is larger than this many bubble angles",
+        "",
+        0.0,
+        10.0,
     )
     k_prop_per_s: float = quantity(
         4.0, "yaw rate per radian of bearing", "1/s", 0.0, 100.0
     )
     slow_distance_m: float = quantity(
-        0.75, "the speed is reduced nearer to the goal than this", "m", 0.0, 10.0
+        0.75, "reduce the speed within this distance of the goal", "m", 0.0, 10.0
     )
-    slow_share: float = quantity(0.5, "share of the highest speed there", "", 0.0, 1.0)
+    slow_share: float = quantity(
+        0.5, "share of the highest speed within slow_distance_m", "", 0.0, 1.0
+    )
     relax_new_plan: bool = quantity(
         False, "apply one cycle of forces to a new plan before it is used"
     )
@@ -109,7 +123,7 @@ class EBandPlannerConfig(NavigationConfig):
 
     prune_m: float = quantity(
         0.0,
-        "drop points of the plan before the first within this distance; 0: none",
+        "drop the plan's points before the first within this distance; 0: keep all",
         "m",
         minimum=0.0,
     )

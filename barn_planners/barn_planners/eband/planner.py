@@ -48,8 +48,8 @@ def bubble_radii(cost_weight_per_m: float) -> Floats:
 class ElasticBand:
     """A chain of overlapping bubbles.
 
-    An operation that fails returns the reason, an empty text otherwise. What fails
-    leaves the band as it was before.
+    An operation returns why it failed, or an empty string. If it fails, the band stays
+    as it was.
     """
 
     def __init__(self, config: EBandConfig):
@@ -72,7 +72,7 @@ class ElasticBand:
         self._count = 0
 
     def follow_plan(self, poses: Floats, costmap: Costmap) -> str:
-        """Make a refined band from a plan; return why that fails, else an empty text.
+        """Make a refined band from a plan; return why that fails, else an empty string.
 
         Args:
             poses: Poses (n, 3), x and y in m, yaw in rad, in the frame of the costmap.
@@ -85,7 +85,7 @@ class ElasticBand:
         return self._adopt(forces.from_plan(self._trial, poses, context))
 
     def optimize(self, costmap: Costmap) -> str:
-        """Renew and relax the band; return why that fails, else an empty text.
+        """Renew and relax the band; return why that fails, else an empty string.
 
         If only the forces fail, the band is refined; else it stays as it was.
         """
@@ -145,7 +145,7 @@ class ElasticBand:
 
 
 class EBandController(Controller):
-    """Follows a band: turns towards the next bubble, or drives as fast as is safe."""
+    """Follows a band: turns toward the next bubble, or drives as fast as is safe."""
 
     def __init__(self, config: EBandConfig):
         """Allocate an empty band; `reset` begins each trial."""
@@ -187,7 +187,7 @@ class EBandController(Controller):
         return PlannerView(local_plan=local_plan, band=bubbles)
 
     def _update(self, inputs: ControlInput) -> str:
-        """Take a new plan, advance the band; return why that fails or an empty text."""
+        """Take a new plan, advance the band; return why that fails or an empty string."""
         if len(inputs.visible) == 0:
             return "no part of the plan is near the robot"
 
@@ -213,7 +213,7 @@ class EBandController(Controller):
         return problem
 
     def _take_plan(self, inputs: ControlInput, poses: Floats) -> str:
-        """Make a new band from poses; return why that fails, else an empty text.
+        """Make a new band from poses; return why that fails, else an empty string.
 
         With `reset_costmap_once` a failure clears the costmap for a second attempt.
         """

@@ -1,7 +1,7 @@
 """Follow the gap: a simple baseline that uses the current scan and the goal.
 
 After Sezer and Gokasan, "A novel obstacle avoidance algorithm: follow the gap method",
-Robotics and Autonomous Systems 60(9), 2012. Unlike there, the robot takes the gap
+Robotics and Autonomous Systems 60(9), 2012. Unlike in that paper, the robot takes the gap
 nearest to the goal's direction, not the widest, and stops before a collision.
 """
 
@@ -50,10 +50,14 @@ class GapConfig(LidarMountConfig):
         0.8, "turn in place if the bearing is beyond this", "rad", 0.0, math.pi
     )
     look_ahead_m: float = quantity(
-        1.5, "a gap is open if it is free this far", "m", 0.1, 30.0
+        1.5, "a gap is open if it is free for this distance", "m", 0.1, 30.0
     )
     least_free_m: float = quantity(
-        0.3, "if no gap is open, take the longest, if this long", "m", 0.0, 30.0
+        0.3,
+        "if no gap is open, take the longest if it is at least this long",
+        "m",
+        0.0,
+        30.0,
     )
     robot_radius_m: float = quantity(0.28, "inflation of obstacles", "m", 0.05, 5.0)
     half_length_m: float = quantity(0.254, "half the robot's length", "m", 0.01, 5.0)
@@ -65,23 +69,31 @@ class GapConfig(LidarMountConfig):
         minimum=0.0,
     )
     stop_distance_m: float = quantity(
-        0.15, "drive forward only if the way ahead is free this far", "m", 0.0, 5.0
+        0.15,
+        "drive forward only if the way ahead is free for this distance",
+        "m",
+        0.0,
+        5.0,
     )
     gap_weight_m: float = quantity(
         0.5,
-        "weight of the gap's center, divided by the distance of the nearest obstacle",
+        "weight of the gap's center, divided by the distance to the nearest obstacle",
         "m",
         minimum=0.0,
     )
     max_bearing_rad: float = quantity(
-        2.2, "gaps are searched up to this bearing", "rad", 0.1, 3.14
+        2.2, "largest bearing at which gaps are sought", "rad", 0.1, 3.14
     )
     directions: int = quantity(151, "evenly spaced directions", "", 3, 1001)
     goal_tolerance_m: float = quantity(
-        0.25, "the goal is reached within this", "m", 0.01, 10.0
+        0.25, "distance within which the goal counts as reached", "m", 0.01, 10.0
     )
     turning_radius_m: float = optional(
-        0.0, "distance of the farthest corner; 0: from the half sizes", "m", 0.0, 10.0
+        0.0,
+        "distance to the farthest corner; 0: computed from the half sizes",
+        "m",
+        0.0,
+        10.0,
     )
     guard: ObservationCheckConfig = field(default_factory=ObservationCheckConfig)
 
@@ -90,6 +102,7 @@ class GapPlanner(ScanPlanner):
     """Steers for the gap nearest to the goal's direction, from each scan alone."""
 
     def __init__(self, config: GapConfig):
+        """Store the settings and spread the directions evenly."""
         super().__init__(config.guard, config.goal_tolerance_m)
         self.config = config
         self._directions = np.linspace(
@@ -97,7 +110,7 @@ class GapPlanner(ScanPlanner):
         )
 
     def start(self, task: Task, seed: int) -> None:
-        """Begin a new trial.
+        """Begin a new trial and forget the last one; map and seed are ignored.
 
         Args:
             task: Goal in the planning frame; its map is ignored.
@@ -108,12 +121,12 @@ class GapPlanner(ScanPlanner):
         self._free_m = np.empty(0)
 
     def step(self, observation: Observation) -> Decision:
-        """Steer for the gap nearest to the goal's direction."""
+        """Return a cycle's decision: steer for a gap, turn in place, or stop."""
         self._free_m = np.empty(0)
         return super().step(observation)
 
     def drive(self, observation: Observation, goal: Pose2D) -> Decision:
-        """Find a gap and steer for it.
+        """Return the decision that steers for the best gap; BLOCKED if none is open.
 
         Args:
             observation: Readings that passed all checks.
@@ -137,12 +150,10 @@ class GapPlanner(ScanPlanner):
         return self._steer(bearing, points)
 
     def view(self) -> PlannerView:
-        """Return the directions as candidates, as far as they are free, in odom."""
+        """Return each direction up to its free distance as a candidate, in odom."""
         if self._task is None or not len(self._free_m):
             return PlannerView()
-        directions = self._directions
-        units = unit_vectors(directions)
-        ends = self._free_m[:, None] * units
+        ends = self._free_m[:, None] * unit_vectors(self._directions)
         # Shown in odom, where the robot stood when it took the scan.
         starts = np.broadcast_to([self._pose.x, self._pose.y], ends.shape)
         lines = np.stack([starts, self._pose.transform(ends)], axis=1)
@@ -152,7 +163,7 @@ class GapPlanner(ScanPlanner):
     def free_distances(
         self, observation: Observation, points: FloatArray
     ) -> FloatArray:
-        """Return how far the robot can go in each direction.
+        """Return how far in m the robot can go in each direction.
 
         Args:
             observation: Readings of this cycle.
@@ -199,6 +210,7 @@ class GapPlanner(ScanPlanner):
         return float((weight * center + nearest[gap]) / (weight + 1.0))
 
     def _steer(self, bearing: float, points: FloatArray) -> Decision:
+        """Return a command toward a bearing in rad; BLOCKED if too near to turn."""
         config = self.config
         rate = config.k_prop_per_s * bearing
         rate = min(max(rate, -config.max_turn_radps), config.max_turn_radps)
@@ -214,9 +226,11 @@ class GapPlanner(ScanPlanner):
             )
             distances_m = np.hypot(points[:, 0], points[:, 1])
             if bool((distances_m < corner_m + config.margin_m).any()):
-                reason = "an obstacle is too near to turn"
                 return Decision(
-                    STOP, PlannerStatus.BLOCKED, reason, diagnostics=figures
+                    STOP,
+                    PlannerStatus.BLOCKED,
+                    "an obstacle is too near to turn",
+                    diagnostics=figures,
                 )
             return Decision(Velocity2D(0.0, rate), diagnostics=figures)
 
@@ -229,7 +243,7 @@ class GapPlanner(ScanPlanner):
         return Decision(Velocity2D(speed, rate), diagnostics=figures)
 
     def _clear_ahead(self, points: FloatArray) -> float:
-        """Return how far the robot can go straight ahead, up to the look-ahead."""
+        """Return the free distance in m ahead of the robot, up to the look-ahead."""
         config = self.config
         half_corridor_m = config.half_width_m + config.margin_m
         is_in_corridor = np.abs(points[:, 1]) <= half_corridor_m
@@ -241,13 +255,13 @@ class GapPlanner(ScanPlanner):
 def free_distances(
     points: FloatArray, directions: FloatArray, radius_m: float, longest_m: float
 ) -> FloatArray:
-    """Return how far a disc at the origin can go in each direction.
+    """Return how far in m a disc at the origin can go in each direction.
 
     Args:
         points: Obstacle points (n, 2) in m.
         directions: Directions (k,) in rad.
-        radius_m: Radius of the disc.
-        longest_m: Distance from which on nothing is checked.
+        radius_m: Radius of the disc in m.
+        longest_m: Distance in m beyond which nothing is checked.
 
     Returns:
         Distances (k,) in m until a point touches the disc, up to `longest_m`.
@@ -270,7 +284,7 @@ def free_distances(
 ENTRY = PlannerEntry(
     GapPlanner,
     {ANY_PROTOCOL: GapConfig()},
-    "follow-the-gap baseline with collision stop: the scan and the goal, nothing else",
+    "follow-the-gap baseline: only scan and goal, with a stop before collisions",
     fit_to_robot,
     compute=Compute(delay_s=0.0005),
 )

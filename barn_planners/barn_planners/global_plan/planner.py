@@ -31,12 +31,14 @@ class GlobalPlanConfig(Checked):
 
     neutral_cost: float = quantity(50.0, "price of a free cell", "", 1.0, 252.0)
     cost_factor: float = quantity(
-        0.8, "added to the price of a cell per unit of its cost", "", 0.0, 10.0
+        0.8, "increase of a cell's price per unit of its cost", "", 0.0, 10.0
     )
     step_cells: float = quantity(
         0.5, "length of a step down the gradient, in cells", "", 0.05, 1.0
     )
-    bounded: bool = quantity(True, "skip cells too far from the way to matter; faster")
+    bounded: bool = quantity(
+        True, "skip cells too far from the way to matter, which is faster"
+    )
     as_navfn: bool = optional(
         False,
         "true: search and descent are navfn's, which may orbit (a quirk)",

@@ -13,7 +13,7 @@ _MAX_STATES = 10_000_000
 
 
 def _weight(default: float, description: str) -> float:
-    """Return the field of a critic's weight, without unit, from 0 to 1e6."""
+    """Return a field declared as a critic's weight, without unit, from 0 to 1e6."""
     return quantity(default, description, "", 0.0, 1.0e6)
 
 
@@ -21,58 +21,91 @@ def _weight(default: float, description: str) -> float:
 class CriticsConfig(Checked):
     """What a trajectory costs; the defaults are those of Nav2's critics."""
 
-    limit_weight: float = _weight(4.0, "speed and yaw rate beyond their limits")
+    limit_weight: float = _weight(
+        4.0, "weight of speed and yaw rate beyond their limits"
+    )
     obstacle_weight: float = _weight(
-        3.81, "mean cost under the robot's center, as a share of 254"
+        3.81, "weight of the mean cost under the robot's center, a share of 254"
     )
     obstacle_stride: int = quantity(
         2, "check every n-th pose for obstacles", "", 1, 100
     )
-    critical_cost: float = _weight(300.0, "cost that an inscribed cell counts with")
+    critical_cost: float = _weight(300.0, "cost of a cell within the inscribed radius")
     collision_cost: float = quantity(
         1.0e6, "cost of a trajectory that collides", "", 1.0, 1.0e9
     )
     near_goal_m: float = quantity(
-        1.0, "nearer to the goal than this only collisions count", "m", 0.0, 100.0
+        1.0,
+        "within this distance of the goal, only inscribed cells and collisions count",
+        "m",
+        0.0,
+        100.0,
     )
-    goal_weight: float = _weight(5.0, "mean distance from the goal in meters")
+    goal_weight: float = _weight(
+        5.0, "weight of the mean distance from the goal in meters"
+    )
     goal_within_m: float = quantity(
-        1.4, "nearer to the goal than this its distance counts", "m", 0.0, 100.0
+        1.4, "within this distance of the goal, goal_weight applies", "m", 0.0, 100.0
     )
     goal_angle_weight: float = _weight(
-        3.0, "mean angle to the goal's heading in radians"
+        3.0, "weight of the mean angle to the goal's heading in radians"
     )
     goal_angle_within_m: float = quantity(
-        0.5, "nearer to the goal than this its heading counts", "m", 0.0, 100.0
+        0.5,
+        "within this distance of the goal, goal_angle_weight applies",
+        "m",
+        0.0,
+        100.0,
     )
-    align_weight: float = _weight(14.0, "mean distance from the path in meters")
-    align_stride: int = quantity(4, "use every n-th pose for that", "", 1, 100)
+    align_weight: float = _weight(
+        14.0, "weight of the mean distance from the path in meters"
+    )
+    align_stride: int = quantity(4, "compare every n-th pose with the path", "", 1, 100)
     align_points: int = quantity(
         20,
-        "it counts once a trajectory reaches this many points along the path",
+        "align_weight applies once a trajectory reaches this many points along the path",
         "",
         0,
         1000,
     )
     align_most_blocked: float = quantity(
-        0.05, "it does not count if more of those points are blocked", "", 0.0, 1.0
+        0.05,
+        "align_weight does not apply if a larger share of these points is blocked",
+        "",
+        0.0,
+        1.0,
     )
     follow_weight: float = _weight(
-        5.0, "distance in meters from the end to a point ahead on the path"
+        5.0,
+        "weight of the distance in meters from the end to a point ahead on the path",
     )
     follow_points: int = quantity(
-        5, "that point lies this many beyond the furthest reached", "", 0, 1000
+        5,
+        "follow_weight's point lies this many beyond the furthest one reached",
+        "",
+        0,
+        1000,
     )
     angle_weight: float = _weight(
-        2.0, "angle in radians from the end's heading to a point ahead"
+        2.0, "weight of the angle in radians from the end's heading to a point ahead"
     )
     angle_points: int = quantity(
-        4, "that point lies this many beyond the furthest reached", "", 0, 1000
+        4,
+        "angle_weight's point lies this many beyond the furthest one reached",
+        "",
+        0,
+        1000,
     )
     angle_beyond_rad: float = quantity(
-        1.0, "it counts if the point lies further aside", "rad", 0.0, math.pi
+        1.0,
+        "angle_weight applies if its point lies at a larger bearing",
+        "rad",
+        0.0,
+        math.pi,
     )
-    forward_weight: float = _weight(5.0, "distance in meters driven in reverse")
+    forward_weight: float = _weight(
+        5.0, "weight of the distance in meters driven in reverse"
+    )
 
 
 @dataclass(frozen=True)
@@ -87,9 +120,13 @@ class MppiConfig(Checked):
     iterations: int = quantity(1, "rounds of sampling per cycle", "", 1, 100)
     max_speed_mps: float = quantity(0.5, "fastest forward speed", "m/s", 0.01, 10.0)
     min_speed_mps: float = quantity(
-        0.0, "fastest reverse speed, negative or none", "m/s", -10.0, 0.0
+        0.0,
+        "fastest reverse speed, as a negative number; 0: no reverse",
+        "m/s",
+        -10.0,
+        0.0,
     )
-    max_turn_radps: float = quantity(1.9, "fastest turn", "rad/s", 0.01, 20.0)
+    max_turn_radps: float = quantity(1.9, "highest yaw rate", "rad/s", 0.01, 20.0)
     acceleration_mps2: float = quantity(
         3.0, "highest acceleration", "m/s2", 0.01, 1000.0
     )
@@ -97,13 +134,13 @@ class MppiConfig(Checked):
         3.0, "highest deceleration", "m/s2", 0.01, 1000.0
     )
     turn_acceleration_radps2: float = quantity(
-        3.5, "yaw acceleration", "rad/s2", 0.01, 1000.0
+        3.5, "highest yaw acceleration", "rad/s2", 0.01, 1000.0
     )
     speed_std_mps: float = quantity(
         0.2, "standard deviation of the sampled speeds", "m/s", 0.001, 10.0
     )
     turn_std_radps: float = quantity(
-        0.4, "standard deviation of the sampled turns", "rad/s", 0.001, 20.0
+        0.4, "standard deviation of the sampled yaw rates", "rad/s", 0.001, 20.0
     )
     temperature: float = quantity(
         0.3,
@@ -112,23 +149,33 @@ class MppiConfig(Checked):
         0.001,
         1000.0,
     )
-    gamma: float = quantity(0.015, "weight of the controls' own cost", "", 0.0, 1000.0)
+    gamma: float = quantity(
+        0.015, "weight of the cost of the controls themselves", "", 0.0, 1000.0
+    )
     path_ahead_m: float = quantity(
-        1.7, "length of the plan that is followed", "m", 0.1, 100.0
+        1.7, "length of the plan ahead that is followed", "m", 0.1, 100.0
     )
     path_spacing_m: float = quantity(
         0.05, "distance between the points of the path", "m", 0.005, 1.0
     )
     xy_tolerance_m: float = quantity(
-        0.25, "the goal's position counts as reached within this", "m", minimum=0.01
+        0.25,
+        "distance within which the goal's position counts as reached",
+        "m",
+        minimum=0.01,
     )
     yaw_tolerance_rad: float = quantity(
-        0.25, "the goal's heading counts as reached within", "rad", minimum=0.001
+        0.25,
+        "angle within which the goal's heading counts as reached",
+        "rad",
+        minimum=0.001,
     )
     progress_m: float = quantity(
         0.5, "the robot is stuck if it does not move this far", "m", 0.0, 100.0
     )
-    progress_s: float = quantity(10.0, "within this time", "s", 0.1, 10_000.0)
+    progress_s: float = quantity(
+        10.0, "time limit for moving progress_m", "s", 0.1, 10_000.0
+    )
     shown: int = quantity(
         50, "number of sampled trajectories that are shown", "", 0, 1000
     )
@@ -167,7 +214,7 @@ _GLOBAL_COSTMAP = replace(GlobalCostmapConfig(), **_FOOTPRINT)
 class MppiPlannerConfig(NavigationConfig):
     """The navigation loop with MPPI in it.
 
-    The global plan is new once a second, as Nav2's behavior tree makes it.
+    The global plan is made once a second, as by Nav2's behavior tree.
     """
 
     plan_period_s: float = quantity(
@@ -175,7 +222,7 @@ class MppiPlannerConfig(NavigationConfig):
     )
     prune_m: float = quantity(
         0.0,
-        "drop points of the plan before the first within this distance; 0: none",
+        "drop the plan's points before the first within this distance; 0: keep all",
         "m",
         minimum=0.0,
     )

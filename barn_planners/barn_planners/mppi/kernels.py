@@ -27,7 +27,7 @@ def length(x: float, y: float) -> float:
     """Return a vector's length as hypot of glibc since 2.35, but without its scaling.
 
     It is the same to the last bit where no square overflows or underflows, that is, for
-    components of zero or of 1e-138 to 1e153. Beyond it is NaN, below imprecise or 0.
+    components of zero or of 1e-138 to 1e153. Above that range the result is NaN; below it, imprecise or 0.
 
     Unlike a call of hypot, a loop over this function is vectorized.
 
@@ -77,10 +77,10 @@ def add_obstacle_costs(
         cells: Costs (rows, columns) of the costmap's cells.
         grid: Place of the costmap.
         outline: Corners (n, 2) of the footprint in base_link, in m.
-        lowest_edge_cost: Cost of the cell at a pose from which the edges are checked.
-        stride: Every how many poses are checked.
+        lowest_edge_cost: Lowest cost under a pose at which its edges are checked.
+        stride: Every n-th pose is checked.
         weight: Weight of the mean cost.
-        critical_cost: What cells count from the inscribed cost on.
+        critical_cost: Cost of a cell that is at least inscribed.
         collision_cost: Cost of a trajectory that collides.
         is_near_goal: Whether only critical cells and collisions count.
 
@@ -173,7 +173,7 @@ def _edges_collide(
 ) -> bool:
     """Return whether a footprint's edges touch a lethal cell or leave the grid.
 
-    Edges are not followed if the box around them holds no lethal cell. Four sums tell.
+    Edges are followed only if the box around them holds a lethal cell, by four sums.
     """
     rows, columns = cells.shape
     first_row = rows
@@ -291,7 +291,7 @@ def add_align_costs(
         path: Points (n, 2) in m.
         arc: Distance along the path at each point, (n,) in m.
         is_clear: Whether a point is free, (n,); the others do not count.
-        stride: Every how many poses are compared.
+        stride: Every n-th pose is compared.
         weight: Cost per meter.
     """
     steps, _, samples = poses.shape
@@ -384,8 +384,8 @@ def add_control_costs(
 ) -> None:
     """Add to `costs` the controls' own: deviation, excess over limits, reverse.
 
-    That is gamma times control times deviation over variance (Williams 2018), what is
-    beyond the limits, and the distance driven in reverse.
+    The costs are gamma times control times deviation over variance (Williams 2018), the
+    excess over the limits, and the distance driven in reverse.
 
     Args:
         costs: Costs (samples,).

@@ -90,7 +90,7 @@ class MppiController(Controller):
     def control(self, inputs: ControlInput) -> Control:
         """Sample around the last solution; return the first control of the new one.
 
-        There is none, with a reason, if all samples collide or the robot is stuck.
+        If all samples collide or the robot is stuck, there is a reason and no command.
         """
         config = self.config
         pose = inputs.pose
@@ -124,30 +124,30 @@ class MppiController(Controller):
         }
         if collisions == config.samples:
             self._forget_solution()
-            reason = "all sampled trajectories collide"
-            return Control(None, reason=reason, diagnostics=figures)
+            return Control(
+                None, reason="all sampled trajectories collide", diagnostics=figures
+            )
         return Control(self._pop_command(), diagnostics=figures)
 
     def view(self) -> PlannerView:
-        """Return some sampled trajectories with costs, and that of the solution."""
+        """Return some sampled trajectories with costs, and the solution's trajectory."""
         config = self.config
         if not self._has_samples or config.shown == 0:
             return PlannerView()
 
         # Evenly spread, and so the same samples whether or not somebody looks.
         stride = max(1, config.samples // config.shown)
-        candidates = self._poses[:, :2, ::stride].transpose(2, 0, 1)
         costs = self._costs[::stride].copy()
         costs[costs >= config.critics.collision_cost] = np.inf
 
-        yaws = self._pose.yaw + config.step_s * np.cumsum(self._solution[:, 1])
-        headings = np.concatenate(([self._pose.yaw], yaws[:-1]))
-        directions = unit_vectors(headings)
-        steps = config.step_s * self._solution[:, :1] * directions
-        positions = np.array([self._pose.x, self._pose.y]) + np.cumsum(steps, axis=0)
+        pose = self._pose
+        yaws = pose.yaw + config.step_s * np.cumsum(self._solution[:, 1])
+        headings = np.concatenate(([pose.yaw], yaws[:-1]))
+        steps = config.step_s * self._solution[:, :1] * unit_vectors(headings)
+        positions = np.array([pose.x, pose.y]) + np.cumsum(steps, axis=0)
         return PlannerView(
             local_plan=np.column_stack([positions, yaws]),
-            candidates=candidates.astype(np.float64),
+            candidates=self._poses[:, :2, ::stride].transpose(2, 0, 1).astype(float),
             candidate_costs=costs,
         )
 
@@ -167,7 +167,7 @@ class MppiController(Controller):
     def _improve(
         self, inputs: ControlInput, path: "_Path", goal_distance_m: float
     ) -> int:
-        """Replace the solution in all rounds; return the last one's collisions."""
+        """Improve the solution in rounds; return how many last samples collide."""
         collisions = self.config.samples
         for _ in range(self.config.iterations):
             self._sample(inputs)
@@ -231,7 +231,7 @@ class MppiController(Controller):
         )
 
     def _add_goal_and_control_costs(self, goal: Pose2D, goal_distance_m: float) -> None:
-        """Add to the samples' costs those of goal and controls."""
+        """Add the costs of goal and controls to those of the samples."""
         config = self.config
         critics = config.critics
         counts_position = goal_distance_m < critics.goal_within_m
@@ -260,7 +260,7 @@ class MppiController(Controller):
     def _add_path_costs(
         self, pose: Pose2D, path: "_Path", goal_distance_m: float
     ) -> None:
-        """Add to the samples' costs those of the path, as far as they apply."""
+        """Add the costs of the path, as far as they apply, to those of the samples."""
         critics = self.config.critics
         furthest = kernels.find_furthest_point(path.points, self._poses)
         if goal_distance_m >= critics.goal_within_m:
@@ -346,7 +346,7 @@ def lowest_cost_in_reach(config: CostmapConfig, resolution: float) -> int:
 ENTRY = PlannerEntry(
     lambda config: NavigationPlanner(config, MppiController(config.mppi)),
     {ANY_PROTOCOL: MppiPlannerConfig()},
-    "model predictive path integral, after Nav2's",
+    "model predictive path integral control, after Nav2's controller",
     fit_to_robot,
     compute=Compute(delay_s=0.002),
 )

@@ -112,7 +112,7 @@ def _to_unit(bits: np.uint32) -> np.float32:
 def _sample_edge(
     words: _Words, x: np.float32, bits: np.uint32, layer: int
 ) -> tuple[bool, np.float32, _Words]:
-    """Return whether a number at the density's edge is accepted, itself, the words.
+    """Test a number at the density's edge; return acceptance, number and next words.
 
     Returns:
         Whether the number is accepted, the number, and the next words.

@@ -41,17 +41,24 @@ class NavigationConfig(LidarMountConfig):
     """Settings of all planners that follow a global plan."""
 
     control_period_s: float = quantity(
-        0.05, "time between two commands; others are skipped", "s", 0.005, 1.0
+        0.05,
+        "time between two commands; readings in between are skipped",
+        "s",
+        0.005,
+        1.0,
     )
     plan_period_s: float = quantity(
         0.05, "time between two global plans", "s", 0.0, 60.0
     )
     goal_republish_period_s: float = quantity(
-        0.0, "the goal is re-sent so often (a quirk); 0: once", "s", minimum=0.0
+        0.0,
+        "time between two sendings of the goal (a quirk); 0: sent once",
+        "s",
+        minimum=0.0,
     )
     hold_s: float = quantity(
         0.0,
-        "how long the last command holds while a goal waits for its plan",
+        "time for which the last command holds while a re-sent goal waits for its plan",
         "s",
         minimum=0.0,
     )
@@ -59,11 +66,11 @@ class NavigationConfig(LidarMountConfig):
         False, "true: the first cycle only plans, as in move_base"
     )
     local_costmap_in_map: bool = quantity(
-        False, "true: control is in the frame of the map, if one is given (a quirk)"
+        False, "true: the controller works in the map frame if there is a map (a quirk)"
     )
     prune_m: float = quantity(
         1.0,
-        "drop points of the plan before the first within this distance; 0: none",
+        "drop the plan's points before the first within this distance; 0: keep all",
         "m",
         minimum=0.0,
     )
@@ -107,7 +114,7 @@ class Control:
     goal_reached: bool = False
     # One line that explains a missing command.
     reason: str = ""
-    # Figures of this cycle for logs, by name; the names end in SI units.
+    # Values of this cycle for logs, by name. Names end in SI units.
     diagnostics: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -116,11 +123,11 @@ class Controller(ABC):
 
     @abstractmethod
     def reset(self, seed: int) -> None:
-        """Begin a new trial, forget the last one; only `seed` makes randomness."""
+        """Begin a new trial and forget the last one; draw only from `seed`."""
 
     @abstractmethod
     def control(self, inputs: ControlInput) -> Control:
-        """Return the command of one cycle, or none and why; must not raise."""
+        """Return one cycle's command, or None with a reason; must not raise."""
 
     def view(self) -> PlannerView:
         """Return what the last cycle considered, in the frame of the local costmap.
@@ -219,7 +226,7 @@ class NavigationPlanner(Planner):
         return self._act(observation, new_plan)
 
     def view(self) -> PlannerView:
-        """Return global plan, local costmap and the controller's view."""
+        """Return plan, costmap and the controller's view; empty before `start`."""
         if self._task is None:
             return PlannerView()
         return replace(
@@ -239,7 +246,7 @@ class NavigationPlanner(Planner):
         """Do nothing; derived planners prepare here, between costmaps and plan."""
 
     def _restart_for_resent_goal(self, stamp_ns: int) -> bool:
-        """Return whether the goal counts as sent again now; if so, start over."""
+        """Start over if the goal is due to be sent again; return whether it is."""
         if self._goal_period_ns == 0 or self._start_ns is None:
             return False
         count = (stamp_ns - self._start_ns) // self._goal_period_ns
@@ -255,7 +262,7 @@ class NavigationPlanner(Planner):
         return True
 
     def _replan(self, observation: Observation) -> FloatArray | None:
-        """Make a global plan if one is due; return its points (n, 2) if it is new."""
+        """Make a global plan if one is due; return its points (n, 2), else None."""
         stamp_ns = observation.stamp_ns
         if (
             not self._waits_for_plan
@@ -287,7 +294,7 @@ class NavigationPlanner(Planner):
                     STOP, PlannerStatus.GOAL_REACHED, "the goal is reached"
                 )
                 return self._final_decision
-            # Controllers of others may answer NaN, which must not reach a robot.
+            # A third-party controller may answer NaN, which must not reach a robot.
             if control.command is not None and control.command.is_finite():
                 self._recovery.record_command(stamp_ns)
                 reason = ""
@@ -330,9 +337,9 @@ class NavigationPlanner(Planner):
         return Decision(command, PlannerStatus.RECOVERING, cause, new_plan)
 
     def _run_controller(self, observation: Observation) -> Control:
-        """Return the controller's answer to the plan in its own frame, near the robot.
+        """Return the controller's answer to the plan, all in the controller's frame.
 
-        There is no command, with a reason, without a plan near the robot.
+        If no plan comes near the robot, the answer is a reason without a command.
         """
         plan = self._plan
         if plan is None:

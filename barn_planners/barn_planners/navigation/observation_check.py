@@ -19,10 +19,14 @@ _MAX_SPEED = 1.0e3
 class LidarMountConfig(Checked):
     """Pose of the lidar on the robot."""
 
-    lidar_x_m: float = quantity(0.055, "lidar forward of base_link", "m", -10.0, 10.0)
-    lidar_y_m: float = optional(0.0, "lidar left of base_link", "m", -10.0, 10.0)
+    lidar_x_m: float = quantity(
+        0.055, "distance of the lidar ahead of base_link", "m", -10.0, 10.0
+    )
+    lidar_y_m: float = optional(
+        0.0, "distance of the lidar to the left of base_link", "m", -10.0, 10.0
+    )
     lidar_yaw_rad: float = optional(
-        0.0, "direction of angle 0 of a scan", "rad", -3.15, 3.15
+        0.0, "direction of a scan's angle 0", "rad", -3.15, 3.15
     )
 
     @property
@@ -35,13 +39,13 @@ class LidarMountConfig(Checked):
 class ObservationCheckConfig(Checked):
     """When a scan without any return means that the lidar is blind.
 
-    In open ground no beam returns either, so how near the last return was decides.
+    In the open no beam returns either, so the distance of the last return decides.
     """
 
     stop_when_blind: bool = quantity(True, "stop while the lidar seems blind")
     blind_near_m: float = quantity(
         2.5,
-        "blind at once if the last return was nearer, or none yet",
+        "blind at once if the last return was nearer, or if there was none yet",
         "m",
         minimum=0.0,
     )
@@ -85,7 +89,7 @@ class ObservationCheck:
         return self._scan_problem(stamp_ns, observation.scan)
 
     def _scan_problem(self, stamp_ns: int, scan: Scan) -> str:
-        """Return why a scan is unusable, or an empty text; store its nearest return."""
+        """Return why a scan is unusable, or an empty string; store its nearest return."""
         if len(scan.ranges) == 0:
             return "the scan is empty"
         geometry = (scan.angle_min, scan.angle_increment, scan.range_min)
@@ -105,7 +109,7 @@ class ObservationCheck:
         return self._blind_problem(stamp_ns)
 
     def _blind_problem(self, stamp_ns: int) -> str:
-        """Return why a scan without returns means a blind lidar, or an empty text."""
+        """Return why a scan without returns means a blind lidar, or an empty string."""
         if not self.config.stop_when_blind:
             return ""
         if self._last_return_ns is None:

@@ -1,4 +1,4 @@
-"""The check whether a robot still gets anywhere."""
+"""The check whether a robot still makes progress."""
 
 from barn_worlds.base.types import Pose2D, nanoseconds
 
@@ -7,7 +7,7 @@ _INTERRUPTION_NS = nanoseconds(1.0)
 
 
 class ProgressCheck:
-    """Requires the robot to move a distance again and again within a time."""
+    """Tells when a robot has not moved a given distance within a time limit."""
 
     def __init__(self, distance_m: float, limit_s: float):
         """Require a move of `distance_m` within every `limit_s` of simulated time."""

@@ -1,8 +1,8 @@
 """Recovery as in move_base: what the robot does without a plan or a valid command.
 
-Patience first. When it runs out, four behaviors follow one another: clear the costmaps
-far from the robot, turn in place, clear them nearby too, turn again. Control is tried
-after each of them. If the last one does not help, the planner gives up.
+Recovery begins when patience runs out. Four behaviors follow one another: clear the
+costmaps far from the robot, turn in place, clear them nearby too, and turn again. The
+controller is tried after each. If the last one does not help, the planner gives up.
 """
 
 import math
@@ -24,7 +24,7 @@ _TURN_STEP_RAD = 0.02
 
 @dataclass(frozen=True)
 class RecoveryConfig(Checked):
-    """The recovery behaviors of move_base and the time before them."""
+    """Settings of move_base's recovery behaviors, and the patience before them."""
 
     controller_patience_s: float = quantity(
         15.0, "time without a valid command before recovery", "s", minimum=0.0
@@ -39,20 +39,20 @@ class RecoveryConfig(Checked):
         1.84, "side of the square that the second clearing keeps", "m", minimum=0.0
     )
     clearing_clears: bool = quantity(
-        True, "false: clearing changes nothing (a quirk of the paper's set-up)"
+        True, "false: clearing changes nothing (a quirk of the paper's setup)"
     )
     min_turn_radps: float = quantity(0.4, "slowest turn in place", "rad/s", 0.01, 10.0)
     max_turn_radps: float = quantity(1.0, "fastest turn in place", "rad/s", 0.01, 10.0)
     turn_acceleration_radps2: float = quantity(
-        3.2, "assumed deceleration of the turn", "rad/s2", minimum=0.01
+        3.2, "deceleration assumed for the turn", "rad/s2", minimum=0.01
     )
     turn_tolerance_rad: float = quantity(
-        0.1, "tolerance of a full turn", "rad", 0.0, 3.0
+        0.1, "angle by which a full turn may fall short", "rad", 0.0, 3.0
     )
 
 
 class Recovery:
-    """The recovery of one trial."""
+    """Decides when recovery begins and runs its behaviors, one cycle at a time."""
 
     def __init__(self, config: RecoveryConfig):
         """Store the configuration; patience starts at time 0."""
@@ -60,7 +60,7 @@ class Recovery:
         self.restart(0)
 
     def restart(self, stamp_ns: int) -> None:
-        """Restart patience at a stamp in ns and end recovery, as for a new goal."""
+        """Restart patience at a stamp in ns; return to the first behavior, inactive."""
         self.active = False
         self.aborted = False
         self._behavior = 0
@@ -70,7 +70,7 @@ class Recovery:
         self._last_yaw: float | None = None
 
     def record_plan(self, stamp_ns: int) -> None:
-        """Restart the patience for plans; the behaviors, too, if a plan was missing.
+        """Restart the patience for plans, and the behaviors if a plan was missing.
 
         `active` stays as it is.
         """
@@ -81,7 +81,7 @@ class Recovery:
             self._behavior = 0
 
     def record_command(self, stamp_ns: int) -> None:
-        """Restart the patience for commands; behaviors too unless a plan was missing.
+        """Restart the patience for commands, and behaviors unless a plan was missing.
 
         `active` stays as it is.
         """
@@ -90,12 +90,12 @@ class Recovery:
             self._behavior = 0
 
     def record_missing_plan(self, stamp_ns: int) -> None:
-        """Set `active` if the last plan is longer ago than patience lasts."""
+        """Start recovery (`active`) if the last plan is older than the patience."""
         if stamp_ns - self._plan_ns > nanoseconds(self.config.planner_patience_s):
             self.active = self._is_for_plan = True
 
     def record_missing_command(self, stamp_ns: int) -> None:
-        """Set `active` if the last valid command is longer ago than patience lasts."""
+        """Start recovery (`active`) if the last command is older than the patience."""
         patience_ns = nanoseconds(self.config.controller_patience_s)
         if stamp_ns - self._command_ns > patience_ns:
             self.active = True
@@ -104,7 +104,7 @@ class Recovery:
     def step(
         self, stamp_ns: int, costmap_poses: Sequence[tuple[Costmap, Pose2D]]
     ) -> Velocity2D:
-        """Clear costmaps or turn for one cycle; return the command, STOP if it is done.
+        """Clear costmaps or turn for one cycle; return the command, STOP at the end.
 
         Sets `active` to False at the end of a behavior, and `aborted` after the last.
 
@@ -133,7 +133,7 @@ class Recovery:
         return STOP
 
     def _clear(self, costmap_poses: Sequence[tuple[Costmap, Pose2D]]) -> None:
-        """Clear lidar marks beyond a square at the robot, if the behavior does that."""
+        """Clear lidar marks outside a square at the robot if the behavior clears."""
         if self._behavior == _CONSERVATIVE_CLEARING:
             side_m = self.config.conservative_reset_m
         elif self._behavior == _AGGRESSIVE_CLEARING:

@@ -24,7 +24,7 @@ class ScanPlanner(Planner):
     """Drives to the goal by its scans, without a map or randomness."""
 
     def __init__(self, check: ObservationCheckConfig, goal_tolerance_m: float):
-        """Store the check; the goal is reached within `goal_tolerance_m`."""
+        """Make the check of readings; the goal is reached within `goal_tolerance_m`."""
         self._check = ObservationCheck(check)
         self._goal_tolerance_m = goal_tolerance_m
         self._task: Task | None = None
@@ -41,7 +41,7 @@ class ScanPlanner(Planner):
         self._check.reset()
 
     def step(self, observation: Observation) -> Decision:
-        """Return STOP at the goal or for unusable readings, else what `drive` does."""
+        """Return a stop at the goal or on unusable readings, else `drive`'s decision."""
         if self._task is None:
             return Decision(STOP, PlannerStatus.BLOCKED, "no task yet")
 
@@ -49,7 +49,7 @@ class ScanPlanner(Planner):
         problem = self._check.problem(observation) or self.problem(observation.scan)
         distance_m = observation.pose.distance(goal)
         if not problem and not math.isfinite(distance_m):
-            problem = "the goal is not at a usable position"
+            problem = "the goal's position is unusable"
         if problem:
             return Decision(STOP, PlannerStatus.BLOCKED, problem)
         # Only the position counts; the goal's heading is for planners that follow a
@@ -59,7 +59,7 @@ class ScanPlanner(Planner):
         return self.drive(observation, goal)
 
     def problem(self, scan: Scan) -> str:
-        """Return why this planner cannot use a scan, an empty text by default."""
+        """Return why this planner cannot use a scan, an empty string by default."""
         del scan
         return ""
 

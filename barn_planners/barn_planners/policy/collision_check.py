@@ -2,8 +2,8 @@
 
 A command is safe if the robot, driven by it until it could have stopped, comes no
 nearer to an obstacle than a margin, or than it is already. An unsafe command is
-replaced by the safe one that differs least, or by a stop. Nothing behind the robot is
-seen.
+replaced by the safe one that differs least, or by a stop. Obstacles
+behind the robot are not seen.
 """
 
 import itertools
@@ -38,7 +38,9 @@ class CollisionCheckConfig(LidarMountConfig):
     reaction_s: float = quantity(
         0.15, "time until a new command takes effect", "s", 0.0, 2.0
     )
-    braking_mps2: float = quantity(4.0, "assumed deceleration", "m/s2", 0.1, 20.0)
+    braking_mps2: float = quantity(
+        4.0, "deceleration assumed for braking", "m/s2", 0.1, 20.0
+    )
     half_length_m: float = quantity(0.254, "half the robot's length", "m", 0.01, 5.0)
     half_width_m: float = quantity(0.215, "half the robot's width", "m", 0.01, 5.0)
 

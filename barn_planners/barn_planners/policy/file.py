@@ -13,9 +13,8 @@ A policy file is a .npz. For each layer k it holds float32 arrays `weights_k.npy
   or actions that hold for several control periods, make it schema 2.
 - about: notes for people.
 
-What is no multilayer perceptron comes as an ONNX file:
-it has float32 inputs and outputs of fixed shapes. Its first input is the
-observation (1, size), its first output the action (1, 2). Further inputs are the state of a
+Any other policy is an ONNX file with float32 inputs and outputs of fixed shapes. Its
+first input is the observation (1, size), its first output the action (1, 2). Further inputs are the state of a
 recurrent policy, zeros at the start of a trial; as many further outputs, in the same order,
 are the state of the next step. The metadata of the model has an entry `barn_policy`, in
 JSON::
@@ -41,23 +40,23 @@ from barn_worlds.formats.npz import Arrays, NpzFormat
 
 ACTIVATIONS = ("tanh", "relu")
 OUTPUTS = ("clip", "tanh")
-# Limits for files of strangers: more would only fill memory.
+# Limits for untrusted files: more would only fill memory.
 MAX_LAYERS = 16
+LARGEST_FILE = 64 * 1024 * 1024
 FORMAT = NpzFormat(
     "a policy file",
     "policy.json",
     schema=1,
-    largest_file=64 * 1024 * 1024,
-    largest=64 * 1024 * 1024,
+    largest_file=LARGEST_FILE,
+    largest=LARGEST_FILE,
     # Of policies with more than one frame, or whose actions hold longer than a period.
     newer=(2,),
 )
 
 METADATA_KEY = "barn_policy"
-LARGEST_FILE = 64 * 1024 * 1024
 # Numbers of an input or output.
 LARGEST_ARRAY = 2_000_000
-# Of onnxruntime's log: a warning about shapes would go to the terminal.
+# Log level of onnxruntime, whose warnings about shapes would go to the terminal.
 _ERRORS_ONLY = 3
 
 
@@ -121,7 +120,7 @@ class Policy:
         self._require(value in choices, f"unknown {name} {value!r:.40}{hint}")
 
     def _require(self, holds: bool, problem: str) -> None:
-        """Raise PolicyError with `problem`, after where it is, unless `holds`."""
+        """Raise PolicyError with `where` and `problem` unless `holds`."""
         if not holds:
             raise PolicyError(f"{self.where}: {problem}")
 
@@ -133,7 +132,7 @@ class Policy:
 
 @dataclass(frozen=True)
 class _PolicyHeader:
-    """The header of a file; its fields are the keys."""
+    """The JSON header of a policy file; its fields are the keys."""
 
     schema: int
     layers: list[int]
@@ -159,7 +158,7 @@ class PolicyNetwork:
         self._squashes_output = policy.output == "tanh"
 
     def reset(self) -> None:
-        """Forget nothing: it has no memory."""
+        """Do nothing: a perceptron has no memory."""
 
     def act(self, observation: Vector) -> FloatArray:
         """Return the action (2,), not yet clipped, for an observation (size,)."""
@@ -233,7 +232,7 @@ def read_policy(path: Path) -> Policy:
     sizes = len(header.layers)
     if not 2 <= sizes <= MAX_LAYERS + 1:
         raise PolicyError(
-            f"{path}: layers must be 2 to {MAX_LAYERS + 1} sizes, got {sizes}"
+            f"{path}: layers must list 2 to {MAX_LAYERS + 1} sizes, got {sizes}"
         )
 
     layers = range(sizes - 1)
@@ -252,18 +251,18 @@ def read_policy(path: Path) -> Policy:
     if policy.layers != header.layers:
         raise PolicyError(
             f"{path}: its header has layers of {header.layers}, "
-            f"the file has {policy.layers}"
+            f"but its arrays have {policy.layers}"
         )
     return policy
 
 
 def _read_array(path: Path, arrays: Arrays, name: str, dimensions: int) -> Singles:
-    """Return a float32 array of a file; WorldError if it is missing or another."""
+    """Return a float32 array of a file; WorldError if it is missing or malformed."""
     return FORMAT.array(arrays, name, path, [None] * dimensions, "float32")
 
 
 def load_network(path: Path) -> "PolicyNetwork | OnnxNetwork":
-    """Return the policy of a .npz or .onnx file, ready to be asked.
+    """Return the network of a .npz or .onnx file; raise BarnError if it is invalid.
 
     Raises:
         BarnError: If the file is damaged, malformed or of another version, or if it is
@@ -320,7 +319,7 @@ class OnnxNetwork:
         self.reset()
 
     def _read_metadata(self, path: Path) -> tuple[PolicyObservation, PolicyAction]:
-        """Return observation and action of the model's metadata."""
+        """Return the model's observation and action; BarnError if they are invalid."""
         text = self._session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
         if text is None:
             raise PolicyError(f"{path}: its metadata has no entry {METADATA_KEY}")
@@ -329,16 +328,16 @@ class OnnxNetwork:
         return metadata.observation, metadata.action
 
     def _check_shapes(self, path: Path) -> None:
-        """Raise PolicyError unless inputs and outputs are those of a policy."""
+        """Raise PolicyError unless inputs and outputs have a policy's types and shapes."""
         outputs = self._session.get_outputs()
         for item in (*self._inputs, *outputs):
             is_fixed = all(isinstance(size, int) for size in item.shape)
-            # A file of strangers may ask for any amount of memory.
+            # An untrusted file may ask for any amount of memory.
             is_fixed = is_fixed and 0 < math.prod(item.shape) <= LARGEST_ARRAY
             if item.type != "tensor(float)" or not is_fixed:
                 raise PolicyError(
-                    f"{path}: {item.name} must hold at most {LARGEST_ARRAY} float32 of a fixed shape, "
-                    f"got {item.type} of {item.shape}"
+                    f"{path}: {item.name} must have a fixed shape of at most {LARGEST_ARRAY} "
+                    f"float32 numbers, got {item.type} of {item.shape}"
                 )
         shapes = [item.shape for item in self._inputs]
         expected = [[1, self.observation.size], *shapes[1:]]
@@ -350,7 +349,7 @@ class OnnxNetwork:
             )
 
     def reset(self) -> None:
-        """Set the state to zeros: a new trial begins."""
+        """Set the recurrent state to zeros for a new trial."""
         self._state = [np.zeros(item.shape, np.float32) for item in self._inputs[1:]]
 
     def act(self, observation: Vector) -> FloatArray:

@@ -39,22 +39,24 @@ class PolicyConfig(Checked):
 
     policy_path: str = quantity(
         "",
-        "policy file (.npz or .onnx); empty: the one that comes with the package for"
-        " worlds that stand still, moving: that for moving obstacles",
+        "policy file (.npz or .onnx); empty: the shipped policy for static worlds; moving:"
+        " the shipped policy for moving obstacles",
     )
     goal_tolerance_m: float = quantity(
-        0.25, "the goal is reached within this", "m", 0.01, 10.0
+        0.25, "distance within which the goal counts as reached", "m", 0.01, 10.0
     )
     progress_distance_m: float = quantity(
         0.3, "the robot is stuck if it does not move this far", "m", 0.01, 10.0
     )
-    progress_limit_s: float = quantity(8.0, "within this time", "s", 0.1, 1000.0)
+    progress_limit_s: float = quantity(
+        8.0, "time limit for moving progress_distance_m", "s", 0.1, 1000.0
+    )
     safety: CollisionCheckConfig = field(default_factory=CollisionCheckConfig)
     guard: ObservationCheckConfig = field(default_factory=ObservationCheckConfig)
 
     @property
     def path(self) -> Path:
-        """Path of the policy file, that of the package if none is set."""
+        """Path of the policy file; a name in `SHIPPED` stands for a shipped one."""
         if self.policy_path in SHIPPED:
             return shipped_policy(self.policy_path)
         return Path(self.policy_path)
@@ -95,11 +97,11 @@ class PolicyPlanner(ScanPlanner):
         self._cycles_left = 0
 
     def problem(self, scan: Scan) -> str:
-        """Return why the policy cannot use a scan's angles, or an empty text."""
+        """Return why the policy cannot use a scan's angles, or an empty string."""
         return self._encoder.problem(scan)
 
     def drive(self, observation: Observation, goal: Pose2D) -> Decision:
-        """Return the policy's command, replaced by a safe one if the check is enabled.
+        """Return the policy's checked command; BLOCKED if invalid, unsafe or stuck.
 
         Args:
             observation: Readings that passed all checks.
@@ -111,11 +113,12 @@ class PolicyPlanner(ScanPlanner):
             self._cycles_left = self.policy.action.repeat
         self._cycles_left -= 1
 
-        # Files come from anybody: an answer that is not a number must stop the robot.
+        # Files come from anybody: an answer that is not finite must stop the robot.
         policy_command = self._command
         if not policy_command.is_finite():
-            reason = "the policy's answer is not a number"
-            return Decision(STOP, PlannerStatus.BLOCKED, reason)
+            return Decision(
+                STOP, PlannerStatus.BLOCKED, "the policy's answer is not finite"
+            )
 
         command = policy_command
         if config.safety.enabled:
@@ -131,8 +134,7 @@ class PolicyPlanner(ScanPlanner):
         if command.linear == 0.0 and policy_command.linear != 0.0:
             reason = "an obstacle is too near to drive on"
         elif self._progress.is_stuck(observation.stamp_ns, observation.odometry.pose):
-            limit = f"{config.progress_limit_s:g} s"
-            reason = f"the policy has not got anywhere for {limit}"
+            reason = f"the policy made no progress for {config.progress_limit_s:g} s"
         return Decision(
             command,
             PlannerStatus.BLOCKED if reason else PlannerStatus.RUNNING,
@@ -145,7 +147,7 @@ class PolicyPlanner(ScanPlanner):
         )
 
     def _ask_policy(self, observation: Observation, goal: Pose2D) -> Velocity2D:
-        """Return the policy's command; its numbers may be NaN."""
+        """Add a frame; return the policy's command, whose numbers may be NaN."""
         frame = self._encoder.encode(observation, goal)
         vectors = np.empty((1, self.policy.observation.size), np.float32)
         self._stack.push(_ONLY, frame[None], vectors)
@@ -154,21 +156,18 @@ class PolicyPlanner(ScanPlanner):
 
 
 def shipped_policy(name: str = "") -> Path:
-    """Return the path of a policy (.npz) that comes with the package, of `SHIPPED`."""
+    """Return the path of a policy that comes with the package, by name in `SHIPPED`."""
     data = Path(str(importlib.resources.files("barn_planners"))) / "data"
     return data / SHIPPED[name]
 
 
 def _fit_to_robot(config: PolicyConfig, robot: Robot) -> dict[str, Any]:
-    """Return a robot's new parameters; ConfigError for the shipped policy.
-
-    That one only drives the Jackal.
-    """
+    """Return the parameters that change for a robot; ConfigError if shipped."""
     # A network learns one body: what is narrow for another is not in its weights.
     if config.policy_path in SHIPPED:
         raise ConfigError(
-            "the shipped policy was trained for the Jackal alone; "
-            f"give one for {robot.name} (policy_path)"
+            "the shipped policy was trained only for the Jackal; "
+            f"set policy_path to one for {robot.name}"
         )
     return fit_to_robot(config, robot)
 

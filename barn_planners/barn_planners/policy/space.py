@@ -3,7 +3,7 @@
 The observation is one vector of float32. All entries lie in [-1, 1]:
 
     beams   nearest return in each of `beams` equal sectors from right to left, as a
-            share of the range limit; 1 is nothing
+            share of the range limit; 1: no return
     1       distance to the goal, as a share of the goal limit
     2       cosine and sine of the goal's bearing in base_link
     2       forward speed and yaw rate of the odometry, as shares of their limits
@@ -42,13 +42,13 @@ class PolicyObservation(Checked):
 
     beams: int = quantity(720, "sectors of the lidar's field of view", "", 1, 20000)
     angle_min_rad: float = quantity(
-        -2.35619, "right end of this field", "rad", -math.pi, math.pi
+        -2.35619, "right end of the field of view", "rad", -math.pi, math.pi
     )
     angle_max_rad: float = quantity(
-        2.35619, "left end of this field", "rad", -math.pi, math.pi
+        2.35619, "left end of the field of view", "rad", -math.pi, math.pi
     )
     range_limit_m: float = quantity(
-        5.0, "range that counts as 1, as does anything further", "m", minimum=0.1
+        5.0, "range that counts as 1, as does any longer range", "m", minimum=0.1
     )
     goal_limit_m: float = quantity(
         10.0, "distance to the goal that counts as 1", "m", minimum=0.1
@@ -83,7 +83,7 @@ class PolicyObservation(Checked):
     def bounds(self) -> tuple[Vector, Vector]:
         """Return the lowest and the highest value of each entry, both (size,)."""
         low = np.zeros(self.frame_size, np.float32)
-        # Ranges and the goal's distance are not negative, all others have a sign.
+        # Ranges and the goal's distance are not negative; all other entries have a sign.
         low[self.beams + 1 :] = -1.0
         return np.tile(low, self.frames), np.ones(self.size, np.float32)
 
@@ -127,10 +127,10 @@ class PolicyAction(Checked):
 
 
 class FrameStack:
-    """The last frames of some robots, from which their observations are made."""
+    """The last frames of some robots, which make up their observation vectors."""
 
     def __init__(self, count: int, config: PolicyObservation):
-        """Prepare for the first frames of `count` robots."""
+        """Allocate empty memories for `count` robots."""
         self._config = config
         # As far back as a vector reaches, the newest first.
         depth = (config.frames - 1) * config.frame_steps + 1
@@ -183,7 +183,7 @@ class ObservationEncoder:
         )
 
     def problem(self, scan: Scan) -> str:
-        """Return why the policy cannot use a scan's angles, or an empty text.
+        """Return why the policy cannot use a scan's angles, or an empty string.
 
         New angles assign the beams to sectors anew.
         """
@@ -266,7 +266,7 @@ class ObservationEncoder:
         )
 
     def _assign_beams(self, scan: Scan) -> str:
-        """Store which beams each sector has; return why that fails or an empty text."""
+        """Store which beams each sector has; return why that fails or an empty string."""
         config = self.config
         angles = scan.angles() if scan.angle_increment > 0.0 else scan.angles()[::-1]
         width = (config.angle_max_rad - config.angle_min_rad) / config.beams
@@ -291,7 +291,7 @@ class ObservationEncoder:
         ):
             needed = f"{config.angle_min_rad:.3f} to {config.angle_max_rad:.3f} rad"
             available = f"{angles[0]:.3f} to {angles[-1]:.3f} rad"
-            return f"the policy sees from {needed}, the scan only from {available}"
+            return f"the policy sees {needed}, but the scan covers only {available}"
 
         # Beams up to half a sector beyond both ends belong to the outermost sectors.
         edges = config.angle_min_rad + width * np.arange(config.beams)
@@ -318,7 +318,10 @@ def _encode(
     limits: tuple[np.float32, float, float, float],
     frames: Vector,
 ) -> None:
-    """Fill the rows of `frames`; limits: range, goal distance, speed, yaw rate."""
+    """Fill `frames` as `ObservationEncoder.encode_all` does.
+
+    The limits are those of range, goal distance, speed and yaw rate.
+    """
     range_limit, goal_limit, speed_limit, rate_limit = limits
     count = len(beam_bounds) - 1
     for i in rows:
@@ -410,8 +413,8 @@ def nearest_returns(
 ) -> None:
     """Write each sector's nearest return to `shares`, as a share (0 to 1) of `limit`.
 
-    As to the other planners, what is outside the valid range is no return: a sector
-    with no other has the share 1.
+    As in the other planners, a range outside the valid ones is no return. A sector
+    without returns has the share 1.
 
     Args:
         ranges: Ranges (beams,) in m, from right to left.

@@ -64,7 +64,7 @@ _DISPLAY_TOPICS = (
     topics.CANDIDATES,
     topics.DIAGNOSTICS,
 )
-# Only a listener that was killed takes this long: then DDS forgets it.
+# Only a listener that was killed takes this long, and then DDS forgets it.
 _LAST_COMMAND_S = 20.0
 # Odometry and poses arrive more often than scans; none of them should be lost.
 _READINGS_DEPTH = 50
@@ -91,10 +91,14 @@ class NodeConfig(Checked):
     )
     publish_views: bool = quantity(
         True,
-        "publish plans, costmap, band, candidates and diagnostics when listened to",
+        "publish plans, costmap, band, candidates and diagnostics if someone listens",
     )
     view_period_s: float = quantity(
-        topics.PLAN.period_s, "time between two of these", "s", 0.0, 3600.0
+        topics.PLAN.period_s,
+        "time between two publications of the views",
+        "s",
+        0.0,
+        3600.0,
     )
     map_frame: str = quantity(FRAMES.map, "frame of the map")
     odom_frame: str = quantity(FRAMES.odom, "frame of the odometry")
@@ -204,13 +208,13 @@ class PlannerNode(Node):
         callback: Callable[[T], None],
         depth: int,
     ) -> None:
-        """Subscribe reliably, and anew as best effort if a publisher offers no more."""
+        """Subscribe reliably; switch to best effort if a publisher offers no more."""
 
         def on_mismatch(_: QoSRequestedIncompatibleQoSInfo) -> None:
             """Replace the reliable subscription by a best-effort one."""
             self.get_logger().info(
-                f"{topic.name}: a publisher is best-effort only, "
-                "subscribing as best-effort"
+                f"{topic.name}: a publisher offers only best effort; "
+                "subscribing as best effort"
             )
             # DDS never matches a reliable reader with a best-effort writer, whatever
             # comes later.
@@ -234,19 +238,19 @@ class PlannerNode(Node):
         self._act(self._synchronizer.add_pose(header.stamp_ns, pose))
 
     def _on_scan(self, scan: Scan) -> None:
-        """Store a scan, act on what it completes; restart the task if time jumped."""
-        # A scan may complete the one before it, whose odometry then no longer can come.
+        """Store a scan; act on what it completes; restart if time jumped back."""
+        # A scan may complete the one before it, whose odometry can then no longer come.
         observations = self._synchronizer.add_scan(scan)
         if self._synchronizer.restarted:
             self._synchronizer.restarted = False
-            self.get_logger().warning("time has jumped back: beginning the task anew")
+            self.get_logger().warning("time jumped back: starting the task again")
             self._runtime.restart()
             self._messages.reset()
         for observation in observations:
             self._act(observation)
 
     def _on_goal(self, message: tuple[Header, Pose2D]) -> None:
-        """Set a goal in the planning frame, start a new task; log and drop others."""
+        """Set a goal and start its task; log and drop one that cannot be used."""
         header, goal = message
         problem = goal_problem(goal, header.frame, self._planning_frame)
         if problem:
@@ -294,7 +298,7 @@ class PlannerNode(Node):
         return response
 
     def _act(self, observation: Observation | None) -> None:
-        """Step the planner by an observation; publish command, if any, and views.
+        """Step the planner with an observation; publish command, if any, and views.
 
         Nothing happens without an observation. No command is published if the planner
         gives none and `repeat_command` is false.
@@ -334,12 +338,12 @@ def run(planner: str, name: str) -> int:
         name: Name of the node.
 
     Returns:
-        Exit code: REFUSED, with one line, if a parameter is not allowed.
+        Exit code: 0, or REFUSED after one line if a parameter is not allowed.
     """
     signals: list[int] = []
 
     def on_signal(number: int, _: FrameType | None) -> None:
-        """Note the signal, which ends the node's loop."""
+        """Record the signal, which ends the node's loop."""
         signals.append(number)
 
     # Without rclpy's own handlers, so that the node can still send its last command.

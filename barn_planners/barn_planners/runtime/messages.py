@@ -38,7 +38,7 @@ _BAND_WIDTH_M = 0.02
 _CANDIDATE_WIDTH_M = 0.01
 # A marker and the names of its fields that vary from message to message.
 _MarkerFields: TypeAlias = tuple[Message, tuple[str, ...]]
-# So long ago that every period is over.
+# A time so long ago that every period has passed.
 _NEVER_NS = -(10**18)
 
 
@@ -50,7 +50,7 @@ class CandidateLines(NamedTuple):
 
 
 def choose_candidates(costs: FloatArray) -> Integers:
-    """Return the indices of at most `MAX_CANDIDATES`, evenly spread.
+    """Return the indices of at most `MAX_CANDIDATES` candidates, evenly spread.
 
     The cheapest one is always among them.
 
@@ -299,7 +299,7 @@ def encode_candidates(lines: CandidateLines, stamp_ns: int, frame: str) -> bytes
 def _candidates_layout(count: int, length: int, frame: str) -> Layout:
     """Return the cached layout of `count` lines of `length` points each.
 
-    A planner has one or two numbers of them. Of each line, color and points are bytes.
+    A planner uses one or two such layouts. Color and points of each line are bytes.
     """
     markers = []
     for index in range(count):
@@ -329,7 +329,7 @@ def _marker_template(
     markers: Iterable[_MarkerFields],
 ) -> Template:
     """Return a template of markers that replace all earlier ones; all stamps vary."""
-    # Viewers keep markers until told otherwise: the first one deletes those of before.
+    # Viewers keep markers until told otherwise: the first marker deletes earlier ones.
     delete_all = encode.make_marker(frame, namespace, action=encode.DELETE_ALL)
     messages = [delete_all]
     fields = [f"markers.0.{name}" for name in encode.STAMP_FIELDS]
@@ -341,11 +341,11 @@ def _marker_template(
 
 
 def _encode_diagnostics(decision: Decision, name: str, stamp_ns: int) -> bytes:
-    """Return a decision as serialized DiagnosticArray, with its finite figures."""
+    """Return a decision as serialized DiagnosticArray, with its finite values."""
     status = decision.status
     values = {"status": status.value}
     for key, value in decision.diagnostics.items():
-        # Not a number says nothing to people, and some viewers refuse it.
+        # NaN tells people nothing, and some viewers refuse it.
         if math.isfinite(value):
             values[key] = f"{value:.6g}"
     message = decision.reason or status.value

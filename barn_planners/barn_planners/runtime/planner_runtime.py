@@ -25,7 +25,7 @@ _NEW_GOAL_PAUSE_NS = NANOSECONDS_PER_SECOND
 class RuntimeOutput:
     """What one observation leads to."""
 
-    # Command to send; None sends nothing.
+    # Command to send; with None, nothing is sent.
     command: Velocity2D | None
     # What the planner decided; None while there is no task.
     decision: Decision | None = None
@@ -53,7 +53,7 @@ class PlannerRuntime:
         self.reset()
 
     def reset(self) -> None:
-        """Forget goal, map, task and last command; the planner is not told."""
+        """Forget goal, map, task and last command; leave the planner as it is."""
         self._goal: Pose2D | None = None
         self._map: OccupancyMap | None = None
         self._task: Task | None = None
@@ -63,7 +63,7 @@ class PlannerRuntime:
         self._goal_ns = 0
 
     def missing(self) -> str:
-        """Return what a task still lacks, goal or map, or an empty text."""
+        """Return which of goal and map are still missing, empty if none is."""
         missing = [] if self._goal is not None else ["no goal yet"]
         if self._use_map and self._map is None:
             missing.append("no map yet")
@@ -98,12 +98,16 @@ class PlannerRuntime:
         return self._start_task()
 
     def restart(self) -> None:
-        """Start the same task again, because time has restarted at 0."""
+        """Start the same task again if there is one: time has restarted at 0."""
         self._now_ns = self._goal_ns = 0
         self._start_task()
 
     def step(self, observation: Observation) -> RuntimeOutput:
-        """Return command and decision of a control cycle; STOP alone without a task."""
+        """Return a cycle's command and decision; without a task, only a stop.
+
+        Raises:
+            TypeError: If the planner's `step` returns no `Decision`.
+        """
         self._now_ns = observation.stamp_ns
         if self._task is None:
             return RuntimeOutput(STOP)
@@ -111,7 +115,7 @@ class PlannerRuntime:
         decision = self.planner.step(observation)
         if not isinstance(decision, Decision):
             raise TypeError(
-                "step of a planner must return a Decision, such as"
+                "a planner's step must return a Decision, such as"
                 f" Decision(Velocity2D(0.5, 0.0)), got {decision!r}"
             )
         self._status = decision.status
@@ -159,7 +163,7 @@ class PlannerRuntime:
         self.planner.view()
 
     def _start_task(self) -> bool:
-        """Start a task on goal and map if they are there; return whether they are."""
+        """Start a task unless goal or map is missing; return whether it started."""
         if self._goal is None or (self._use_map and self._map is None):
             return False
         self._task = Task(self._goal, self._map)
@@ -170,7 +174,7 @@ class PlannerRuntime:
 
 
 def goal_problem(goal: Pose2D, frame: str, planning_frame: str) -> str:
-    """Return why a goal is refused (frame, not finite), or an empty text.
+    """Return why a goal is refused: its frame or its numbers; empty if it is not.
 
     Args:
         goal: Goal from a message.
@@ -178,10 +182,10 @@ def goal_problem(goal: Pose2D, frame: str, planning_frame: str) -> str:
         planning_frame: Frame that the planner plans in.
     """
     if frame.lstrip("/") != planning_frame:
-        frames = f"it is in frame {frame!r}, this planner plans in {planning_frame!r}"
-        return f"goal refused: {frames}"
+        frames = f"{frame!r}, but this planner plans in {planning_frame!r}"
+        return f"goal refused: it is in frame {frames}"
     if not all(math.isfinite(value) for value in (goal.x, goal.y, goal.yaw)):
-        return "goal refused: it is not a number"
+        return "goal refused: its numbers are not finite"
     return ""
 
 

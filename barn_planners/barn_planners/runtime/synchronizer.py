@@ -18,11 +18,15 @@ class SyncConfig(Checked):
     """How old a reading may be that is combined with a scan."""
 
     odometry_age_s: float = quantity(
-        0.25, "oldest odometry that is combined with a scan", "s", 0.0, 60.0
+        0.25,
+        "greatest age of the odometry that a scan is combined with",
+        "s",
+        0.0,
+        60.0,
     )
     pose_age_s: float = quantity(
         600.0,
-        "oldest localization taken with a scan, and extrapolated",
+        "greatest age of the localization that odometry carries on to a scan",
         "s",
         minimum=0.0,
     )
@@ -55,12 +59,12 @@ class Synchronizer:
         self.restarted = False
 
     def add_odometry(self, odometry: Odometry) -> Observation | None:
-        """Store odometry; return the observation that it completes, None if none."""
+        """Store odometry; return the observation that it completes, if any."""
         self._odometry.add(odometry.stamp_ns, odometry, self._last_ns)
         return self._complete(is_overtaken=False)
 
     def add_pose(self, stamp_ns: int, pose: Pose2D) -> Observation | None:
-        """Store a pose in map; return the observation that it completes, None if none.
+        """Store a pose in map; return the observation that it completes, if any.
 
         Args:
             stamp_ns: Time of the localization in ns.
@@ -82,14 +86,14 @@ class Synchronizer:
             self.reset()
             self.restarted = True
 
-        # The scan before cannot expect better readings any more.
+        # The previous scan cannot expect better readings anymore.
         previous = self._complete(is_overtaken=True)
         self._scan = scan
         current = self._complete(is_overtaken=False)
         return [item for item in (previous, current) if item is not None]
 
     def _complete(self, *, is_overtaken: bool) -> Observation | None:
-        """Return the pending scan's observation and forget it, None if it must wait."""
+        """Complete the pending scan; return its observation, None if it must wait."""
         scan = self._scan
         if scan is None:
             return None
@@ -111,7 +115,7 @@ class Synchronizer:
         return Observation(stamp_ns, odometry, scan, pose)
 
     def _pose(self, stamp_ns: int, odometry: Odometry) -> Pose2D | None:
-        """Return the pose in map at a stamp in ns, carried on by odometry, or None."""
+        """Return the pose in map at a stamp, carried on by odometry; None if too old."""
         pose_ns = self._poses.latest_stamp(stamp_ns)
         pose = self._poses.latest(stamp_ns, self._pose_age_ns)
         if pose is None or pose_ns is None or stamp_ns == pose_ns == odometry.stamp_ns:

@@ -129,7 +129,7 @@ def test_goal_and_velocity_are_seen_from_the_robot():
 @pytest.mark.parametrize(
     "narrow_scan, message",
     [
-        (scan(np.ones(100), -1.0, 1.0), "the scan only from -1.000 to 1.000 rad"),
+        (scan(np.ones(100), -1.0, 1.0), "the scan covers only -1.000 to 1.000 rad"),
         (replace(scan(np.ones(100)), angle_increment=0.0), "no usable angles"),
     ],
 )

@@ -204,7 +204,7 @@ def test_reset_new_parameters_stamped_commands_and_refused_goals(
         assert harness.call("planner/ready").message == "no goal yet"
         code, log = process.stop()
         assert code == 0
-        refusal = "goal refused: it is in frame 'map', this planner plans in 'odom'"
+        refusal = "goal refused: it is in frame 'map', but this planner plans in 'odom'"
         assert log.count(refusal) == 1
         assert "Traceback" not in log
 
