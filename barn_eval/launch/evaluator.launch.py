@@ -23,7 +23,7 @@ TOPICS = (
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return the node with its arguments."""
+    """Return a launch description of the evaluator and its arguments."""
     return NodeLaunch(
         "barn_eval",
         "evaluator",

@@ -29,7 +29,7 @@ TOPICS = (
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return RViz with the suite's layout."""
+    """Return a launch description of RViz with the suite's layout."""
     layout = PathJoinSubstitution(
         [FindPackageShare("barn_eval"), "config", "barn.rviz"]
     )

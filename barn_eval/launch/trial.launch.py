@@ -23,7 +23,7 @@ from barn_worlds.ros.launching import declare_arguments, include_launch_file
 # The launch files below declare more, such as namespace and params_file.
 ARGUMENTS = {
     "dataset": ("barn300", "data set: a name, folder or file"),
-    "worlds": ("0", "which of its worlds, such as 0, 0-49 or 0:300:6"),
+    "worlds": ("0", "worlds of the data set, such as 0, 0-49 or 0:300:6"),
     "planner": ("dwa", "name of the planner"),
     "protocol": (
         "challenge",
@@ -45,7 +45,7 @@ PROTOCOL_KEYS = {
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return the nodes with their arguments."""
+    """Return a launch description of all nodes and their arguments."""
     start_planner = IfCondition(LaunchConfiguration("start_planner"))
     start_rviz = IfCondition(LaunchConfiguration("rviz"))
     return LaunchDescription(
@@ -61,7 +61,7 @@ def generate_launch_description() -> LaunchDescription:
 
 
 def _apply_protocol(context: LaunchContext) -> list[LaunchDescriptionEntity]:
-    """Set the arguments that are left empty to what the protocol says."""
+    """Return actions that set empty arguments to what the protocol says."""
     protocol = _read_protocol(LaunchConfiguration("protocol").perform(context))
     return [
         SetLaunchConfiguration(name, str(protocol.get(key, default)))
@@ -71,10 +71,9 @@ def _apply_protocol(context: LaunchContext) -> list[LaunchDescriptionEntity]:
 
 
 def _read_protocol(source: str) -> dict[str, Any]:
-    """Return what a protocol and its bases say.
+    """Return the keys of a protocol and its bases, {} if it is missing or broken.
 
-    A protocol that is missing or broken is empty: the evaluator says what is wrong
-    with it.
+    The evaluator says what is wrong with it.
     """
     # Importing the package would import libraries that this Python lacks.
     package = find_spec("barn_eval")

@@ -19,40 +19,43 @@ class RewardConfig(Checked):
 
     discount: float = quantity(
         0.995,
-        "the learner's own discount per step, by which progress is shaped",
+        "the learner's own discount per step, which shapes the reward for progress",
         "",
         0.0,
         1.0,
     )
     progress_per_m: float = quantity(
-        1.0, "for every meter nearer to the goal than the start, lost on the way back"
+        1.0, "reward for every meter of progress from the start, lost on the way back"
     )
     progress_along: str = quantity(
         ALONG_PATH,
-        "whether that is measured straight or along the world's path",
+        "whether progress is measured straight or along the world's path",
         choices=(STRAIGHT, ALONG_PATH),
     )
-    per_second: float = quantity(-0.1, "for every second")
+    per_second: float = quantity(-0.1, "reward for every second")
     near_per_second: float = quantity(
-        -0.5, "for every second at an obstacle, in proportion less further away"
+        -0.5, "reward for every second at an obstacle, proportionally less farther away"
     )
     near_m: float = quantity(
-        0.6, "range of the lidar from which on this is nothing", "m", minimum=0.01
+        0.6,
+        "lidar range beyond which near_per_second does not apply",
+        "m",
+        minimum=0.01,
     )
     shielded_per_second: float = quantity(
-        -1.0, "for every second in which the collision check changes the command"
+        -1.0, "reward for every second in which the collision check changes the command"
     )
     shielded_limit: float = quantity(
-        5.0, "the most that this costs in an episode", minimum=0.0
+        5.0, "most that shielded_per_second adds up to in an episode", minimum=0.0
     )
-    success: float = quantity(10.0, "for reaching the goal")
+    success: float = quantity(10.0, "reward for reaching the goal")
     collision: float = quantity(
         -10.0,
-        "for a contact that ends the trial, leaving the world beyond its edge, or a"
-        " command that is not a number",
+        "reward for a contact that ends the trial, for leaving the world beyond its edge,"
+        " or for a command that is not finite",
     )
     out_of_time: float = quantity(
-        -10.0, "for the end of the time that the protocol gives"
+        -10.0, "reward for running out of the protocol's time"
     )
 
 
@@ -62,7 +65,7 @@ class EnvConfig(Checked):
 
     dataset: str = quantity("barn300", "data set: a name, folder or file")
     worlds: str = quantity(
-        "all", "which of its worlds, such as 0, 0-49 or 0:300:6", is_selection=True
+        "all", "worlds of the data set, such as 0, 0-49 or 0:300:6", is_selection=True
     )
     protocol: str = quantity("challenge", "protocol: a name or a YAML file")
     robot: str = quantity("jackal", "robot: a name or a YAML file")
@@ -81,12 +84,12 @@ class EnvConfig(Checked):
 class UnknownArgumentError(ConfigError, TypeError):
     """An argument that the environment does not have.
 
-    A TypeError as well, by which wrappers find out what an environment takes.
+    It is also a TypeError, by which wrappers find out what an environment takes.
     """
 
 
 def configure(config: EnvConfig | None, changes: Mapping[str, object]) -> EnvConfig:
-    """Return a configuration with changes, as `gymnasium.make` has them.
+    """Return a configuration changed by keyword arguments, as `gymnasium.make` does.
 
     Args:
         config: Configuration to start from; by default `EnvConfig()`.

@@ -46,9 +46,9 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
     """A robot that has to reach the goal of a world.
 
     Observations and actions are those of `barn_planners.policy.space`. An episode is a
-    trial of the benchmark. It terminates at a success, a collision (if the protocol
-    checks collisions), beyond the world's edge, or a command that is not a number. It is truncated by the time
-    limits.
+    trial of the benchmark. It terminates with a success, a collision (if the
+    protocol checks collisions), a robot beyond the world's edge, or a command that is
+    not finite. It is truncated by the time limits.
 
     `info` holds the world's number, the time in s and the distance left to the goal in
     m. At the end of an episode it also holds the outcome and its detail, whether it is
@@ -115,8 +115,8 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         """Return what a copy needs; ConfigError once an episode has begun."""
         if self._episodes is not None:
             raise ConfigError(
-                "an environment cannot be copied once it has begun an episode, as its"
-                " physics cannot: make another, and reset both with the same seed"
+                "an environment cannot be copied once it has begun an episode; make"
+                " another and reset both with the same seed"
             )
         return self.__dict__.copy()
 
@@ -263,7 +263,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
             simulator=self.simulator_config,
             run_seed=run_seed,
             repetition=options.get("repetition", 0),
-            # The referee refuses faster commands, as those of any planner.
+            # The referee refuses faster commands, as from any planner.
             declared_mps=self.config.action.cap_mps,
         )
 
@@ -315,7 +315,7 @@ def _check_options(options: Mapping[str, Any] | None) -> dict[str, int]:
 class JackalVectorEnv(SyncVectorEnv):
     """Environments whose robots advance together.
 
-    Everything is as with Gymnasium's SyncVectorEnv, to the last bit.
+    Results equal those of Gymnasium's SyncVectorEnv to the last bit.
     """
 
     def __init__(
@@ -359,7 +359,7 @@ class JackalVectorEnv(SyncVectorEnv):
     def __getstate__(self) -> dict[str, Any]:
         """Raise ConfigError: the physics of a batch cannot be copied."""
         raise ConfigError(
-            "a batch of environments cannot be copied: make another, and reset both with"
+            "a batch of environments cannot be copied; make another and reset both with"
             " the same seed"
         )
 

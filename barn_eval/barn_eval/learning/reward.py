@@ -1,4 +1,4 @@
-"""Rewards, and the distance left to the goal that they are computed from.
+"""Rewards, and the distance left to the goal from which they are computed.
 
 Progress is a potential: the meters by which the robot is nearer to the goal than at the
 start, and never below 0. A step earns the potential after it, discounted, less that
@@ -27,8 +27,8 @@ FAILURES = (Outcome.COLLISION, Outcome.LEFT_WORLD, Outcome.INVALID_COMMAND)
 
 # More than the relative error of a squared distance.
 _ROUNDING = 1.0 + 1e-12
-# Discount; rewards per m of progress, per s, per s at an obstacle; range in m from which
-# on nothing is near; reward per s in which the collision check changes the command, and
+# Discount; rewards per m of progress, per s, per s at an obstacle; range in m beyond
+# which nothing is near; reward per s in which the collision check changes the command, and
 # the most that this adds up to.
 RewardWeights: TypeAlias = tuple[float, float, float, float, float, float, float]
 
@@ -68,7 +68,7 @@ def measure_distances_left(
 
     Args:
         points: Points (n, k, 3) of each robot's path, as of `path_points`.
-        counts: How many of them a path has, (n,).
+        counts: Number of points (n,) of each path.
         positions: Positions (n, 2 or more) of the robots in the map frame, in m.
         rows: Robots to measure.
         distances_m: Distances (n,), changed in place.

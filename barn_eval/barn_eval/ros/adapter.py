@@ -51,7 +51,7 @@ class TrialAdapter:
     # ROS type of the commands.
     command_type: str
 
-    # Frame in which plans count; others are left out.
+    # Frame of the plans that count; plans in other frames are ignored.
     plan_frame: str = "odom"
 
     # Of a system that somebody else runs: puts a reading of its poses into the odom and
@@ -76,7 +76,7 @@ class TrialAdapter:
         self.now_ns = self.origin_ns
 
     def touch(self) -> None:
-        """Note a contact that no message tells; it is judged with the next reading."""
+        """Note a contact that no message reports; the next reading judges it."""
         self._collision = True
 
     def take(self, tick: Tick) -> list[Message]:
@@ -86,8 +86,8 @@ class TrialAdapter:
             tick: A complete tick.
 
         Returns:
-            Its messages that belong to the trial: none of a tick after the verdict, and
-            no command that came after it in its tick.
+            Its messages that belong to the trial: none if a verdict stood before, and no
+            command that came after the verdict in its tick.
         """
         trial_messages: list[Message] = []
         if self.trial.verdict is not None:
@@ -145,7 +145,7 @@ class TrialAdapter:
 
     def _take_plan(self, message: Message) -> None:
         """Give the trial a nav_msgs/Path in `plan_frame`; ignore anything else."""
-        # A planner may publish something that is no path there.
+        # A planner may publish something other than a path there.
         with suppress(MessageError):
             header = decode.header(message.data)
             # Frames of ROS 1 began with a slash, and some nodes still send it.
@@ -155,7 +155,7 @@ class TrialAdapter:
                 )
 
     def _judge_reading(self) -> bool:
-        """Judge odometry and truth if both are there; return if a verdict stands."""
+        """Judge odometry and truth if both are there; return whether it is over."""
         if (
             self._truth is not None
             and self._odometry is not None
@@ -183,8 +183,8 @@ def count_missed_periods(
         commands_ns: Simulated times of commands, ascending.
         now_ns: Simulated time at the end.
         period_ns: Control period of the planner.
-        silence_ns: Pause after which the robot stands still; a longer one counts as
-            the planner's will.
+        silence_ns: Pause after which the robot stands still; a longer pause counts as
+            intended.
 
     Returns:
         Number of missed periods.
@@ -210,7 +210,7 @@ def share_of_missed(
         period_ns: Control period of the planner.
 
     Returns:
-        At most 1; 0 where not a whole period has passed.
+        At most 1; 0 if less than one period has passed.
     """
     if not commands_ns:
         return 0.0

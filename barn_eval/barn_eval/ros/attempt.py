@@ -53,16 +53,16 @@ _GOAL_PERIOD_S = 0.5
 _COMMANDS = {TWIST: CMD_VEL, TWIST_STAMPED: CMD_VEL_STAMPED}
 _INPUTS = (SCAN, ODOM, GOAL_POSE)
 _GOAL_NAME = re.compile("goal|target|dest|point")
-_NOT_FINITE = "it commands NaN or infinity"
+_NOT_FINITE = "it sends NaN or infinity"
 _NO_GOAL = (
-    "it takes no goal from a topic or an action. The challenge's is (10, 0) in odom: give"
-    " it by a parameter (--ros-args -p NAME:={goal_x}) or by --planner-input"
+    "it takes no goal from a topic or an action. The challenge's goal is (10, 0) in odom:"
+    " give it by a parameter (--ros-args -p NAME:={goal_x}) or by --planner-input"
 )
 
 
 @dataclass
 class Attempt:
-    """What was seen of a planner."""
+    """What a planner did while it was tried."""
 
     # Topics by what they carry: cmd_vel, scan, odom, goal_pose, tf; empty for none.
     topics: dict[str, str] = field(default_factory=dict)
@@ -79,7 +79,7 @@ class Attempt:
 
 
 def connect(graph: Graph) -> Attempt:
-    """Return how a planner's topics meet the suite's, and what options that takes.
+    """Return a planner's topics for the suite's, and the options that connect them.
 
     Args:
         graph: The endpoints of the planner alone.
@@ -127,7 +127,7 @@ def _choose(
     if topic is GOAL_POSE:
         # A pose of another name may be the robot's own.
         names = [name for name in names if _GOAL_NAME.search(name)]
-    # Of several, that which is called most like it.
+    # Of several, the one whose name is most like the topic's.
     word = topic.name.partition("_")[0]
     names.sort(
         key=lambda name: (name in internal, name != topic.path, word not in name)
@@ -189,8 +189,8 @@ def try_planner(run: RunConfig, goal: Pose2D, logs: Path) -> Attempt:
                 attempt.unserved[item.topic] = short_type(item.type_name)
     if attempt.topics["tf"] and find_message_class(TF.type_name) is None:
         attempt.problems.append(
-            "it listens to /tf, which is off without tf2_msgs: make install builds that"
-            " where a C++ compiler is, and a full installation of ROS 2 has it"
+            "it listens to /tf, which is off without tf2_msgs: make install builds that if"
+            " there is a C++ compiler, and a full installation of ROS 2 has it"
         )
     return attempt
 
@@ -199,7 +199,7 @@ def try_planner(run: RunConfig, goal: Pose2D, logs: Path) -> Attempt:
 def _running(
     process: NodeProcess, environment: Mapping[str, str], logs: Path
 ) -> Iterator[SupervisedProcess]:
-    """Run a process while the block runs."""
+    """Start a process and yield it; stop it when the block ends."""
     kind = launcher.PLANNER if process.foreign else launcher.SUITE
     supervised = process.start(environment, logs, kind=kind)
     try:
@@ -210,7 +210,7 @@ def _running(
 
 @contextmanager
 def _listening() -> Iterator[Node]:
-    """Have a node of this process while the block runs."""
+    """Yield a node of this process; shut ROS down when the block ends."""
     rclpy.init(args=[])
     try:
         yield Node("barn_try")
@@ -221,10 +221,10 @@ def _listening() -> Iterator[Node]:
 def _await_graph(
     process: SupervisedProcess, view: GraphView, node: Node, processes: int
 ) -> Graph:
-    """Return the planner's endpoints once it commands and they change no more.
+    """Return the planner's endpoints once it has a command topic and they stay equal.
 
     It returns earlier if the planner ends, and after a limit in any case. A launch file
-    is waited for until all its processes are there.
+    is complete once all its processes are there.
     """
     start_s = time.monotonic()
     change_s = start_s
@@ -262,15 +262,17 @@ class _Observation:
                 subscribe(node, topic, read, self._hear_command, BEST_EFFORT)
 
     def _hear_scan(self, _: int) -> None:
+        """Record the time of a scan."""
         self._scans_s.append(time.monotonic())
 
     def _hear_command(self, command: Velocity2D) -> None:
+        """Record the time of a command, and a problem if it is not finite."""
         self._commands_s.append(time.monotonic())
         if not command.is_finite() and _NOT_FINITE not in self._attempt.problems:
             self._attempt.problems.append(_NOT_FINITE)
 
     def run(self, goal: Pose2D) -> None:
-        """Give the planner the goal, and note when its commands come."""
+        """Give the planner the goal; store rates and problems in the attempt."""
         attempt = self._attempt
         goals = None
         if attempt.topics["goal_pose"].startswith("/"):

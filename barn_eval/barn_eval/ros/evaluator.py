@@ -68,7 +68,7 @@ _DOUBTFUL_PROCESS = {
     Outcome.INTERFERENCE: PLANNER,
     Outcome.SIMULATOR_DIED: SIMULATOR,
 }
-# Attempts at a trial that does not begin or fails by no fault of the planner.
+# Attempts at a trial that does not begin, or fails through no fault of the planner.
 _MAX_ATTEMPTS = 3
 _RESTART_LIMIT_S = 20.0
 
@@ -162,7 +162,7 @@ def _run_assignment(
 
 
 def _run_by_hand(node: Node, config: EvaluatorConfig) -> int:
-    """Run the trials that the parameters define, write their folder, return a code.
+    """Run the trials that the parameters define into a folder; return an exit code.
 
     Simulator and planner are started by somebody else; the trials wait for them.
     """
@@ -215,7 +215,7 @@ def _run_by_hand(node: Node, config: EvaluatorConfig) -> int:
         scored = [row for row in results if row.is_scored]
         if scored:
             log.notify(_summarize(scored, scored[0].metric))
-        log.notify(f"results in {out}; for a page of them: barn report {out}")
+        log.notify(f"results in {out}; for a report: barn report {out}")
         return exit_code(results)
 
 
@@ -444,8 +444,8 @@ class TrialRunner:
             if not self._has_told_rate:
                 self._has_told_rate = True
                 self.context.loop.note(
-                    f"the planner sends {rate_hz:.3g} commands per simulated second,"
-                    " which alone are waited for; --ros planner_rate_hz declares that"
+                    f"the planner sends {rate_hz:.3g} commands per simulated second;"
+                    " lockstep waits only for these (declare: --ros planner_rate_hz)"
                 )
             return rate_hz, "found"
         if declared_hz:
@@ -456,7 +456,7 @@ class TrialRunner:
 
 
 def _is_others_fault(verdict: Verdict) -> bool:
-    """Return whether something else than the planner has failed, this time."""
+    """Return whether something other than the planner failed and may not fail again."""
     is_others = verdict.fault in (SIMULATOR, ENVIRONMENT)
     # The same commands would tip the robot over again.
     is_final = verdict.outcome in (*MUTUAL_WAITS, Outcome.ROBOT_TIPPED)

@@ -31,7 +31,7 @@ class TrialEnded(Exception):
         Args:
             outcome: Outcome of the trial.
             detail: What happened, in one line for the row.
-            culprit: Who failed, as in `Verdict`; empty where the outcome says it.
+            culprit: Who failed, as in `Verdict`; empty if the outcome says so.
         """
         super().__init__(f"{outcome.value}: {detail}")
         self.outcome = outcome
@@ -175,7 +175,7 @@ class EvaluatorLoop:
 
         Args:
             subject: Beginning of the note, such as "the planner: ".
-            describe_missing: Returns what is missing, an empty text if nothing is.
+            describe_missing: Returns what is missing, an empty string if nothing is.
             limit_s: Longest wait, by `now_s`.
             *processes: Processes whose end raises TrialEnded.
 
@@ -192,9 +192,9 @@ class EvaluatorLoop:
         return missing
 
     def restart(self, process: str, limit_s: float) -> None:
-        """Have a process ended and started again; return at its end or the limit.
+        """Ask the supervisor to restart a process; return at its end or after the limit.
 
-        Without a supervisor it does nothing. After the limit it returns all the same.
+        Without a supervisor, nothing happens.
 
         Args:
             process: "planner" or "simulator".
@@ -216,6 +216,6 @@ class EvaluatorLoop:
             self.supervisor.send(event, **content)
 
     def note(self, text: str) -> None:
-        """Write a text to the node's log, and have the supervisor show it."""
+        """Write a text to the node's log, and send it to the supervisor, if any."""
         self.node.get_logger().info(text)
         self.report("note", text=text)

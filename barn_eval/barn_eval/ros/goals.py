@@ -173,19 +173,19 @@ def action_class(type_name: str) -> Any:
     if action is None:
         package = type_name.partition("/")[0]
         raise ConfigError(
-            f"{option}: {package} is not installed; goal_by topic does without"
+            f"{option}: {package} is not installed; goal_by topic does not need it"
         )
     fields = action.Goal.get_fields_and_field_types()
     if fields.get("pose") != _POSE_TYPE:
         raise ConfigError(
-            f"{option}: its goal must have a field pose of type {_POSE_TYPE}, it has"
-            f" {fields}"
+            f"{option}: its goal must have a field pose of type {_POSE_TYPE}, but it"
+            f" has {fields}"
         )
     return action
 
 
 def _describe_result(answer: Any) -> str:
-    """Return how an action ended, as a text with error code and message, if any."""
+    """Return how an action ended, with its error code and message, if any."""
     state = _RESULT_STATES.get(answer.status, f"status {answer.status}")
     details = []
     # Not every action of ROS has the code and message that Nav2 gives.

@@ -42,7 +42,7 @@ class GraphView:
         self._dead: dict[bytes, float] = {}
 
     def crowd(self) -> str:
-        """Return which of topics, services, nodes are too many, in words, or empty.
+        """Return which of topics, services and nodes are too many, or an empty string.
 
         The time for a look grows with the square of these numbers, and anybody can
         make them grow.
@@ -212,7 +212,7 @@ class Integrity:
             domain: ROS domain, for the message.
 
         Raises:
-            ConfigError: If somebody does.
+            ConfigError: If a node still does so after the wait.
         """
 
         def describe_speaker() -> str:
@@ -223,8 +223,8 @@ class Integrity:
             lambda: not describe_speaker(), _DISCOVERY_S
         ):
             raise ConfigError(
-                f"ROS_DOMAIN_ID {domain}: {describe_speaker()} there, as only the"
-                " trials' own simulator may; end it, or leave ROS_DOMAIN_ID unset"
+                f"ROS_DOMAIN_ID {domain}: {describe_speaker()} there, which only"
+                " the trials' own simulator may do; end it, or leave ROS_DOMAIN_ID unset"
             )
 
     def require(self, loop: EvaluatorLoop) -> None:

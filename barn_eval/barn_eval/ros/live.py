@@ -73,7 +73,7 @@ def run_observed(
         # The operator reads the log, as the output of a command.
         os.environ.setdefault("RCUTILS_CONSOLE_OUTPUT_FORMAT", "{message}")
         evaluator.main([], defaults, raises=True)
-    # The last row counts of a trial that was repeated.
+    # Of a trial that was repeated, the last row counts.
     rows = {row.trial_id: row for row in RowFile(request.out).read()}
     return list(rows.values())
 

@@ -38,8 +38,8 @@ _RESULT_OK = 1  # of simulation_interfaces/msg/Result
 # What the operator may say, by a key with its first letter or a service.
 _CALLS = {
     "start": "starts the trial",
-    "contact": "tells of a contact",
-    "abort": "aborts it",
+    "contact": "reports a contact",
+    "abort": "aborts the trial",
 }
 
 
@@ -50,7 +50,7 @@ class ObservedTopics(TrialTopics):
 
 
 class ObservedSystem:
-    """Has a system put the robot at the start, and knows where it stands then."""
+    """Has a system put the robot at the start, and converts its poses."""
 
     def __init__(
         self,
@@ -93,7 +93,7 @@ class ObservedSystem:
             loop.poll = self._read_keys
 
     def prepare(self, spec: TrialSpec, start_limit_s: float) -> int:
-        """Have the robot put at the start of a trial; see where its poses have it.
+        """Have the robot put at a trial's start; store in `origin` where its poses say it is.
 
         Args:
             spec: The trial.
@@ -125,7 +125,7 @@ class ObservedSystem:
             if away_m > _FARTHEST_START_M:
                 raise TrialEnded(
                     Outcome.ENVIRONMENT_FAILED,
-                    f"{self._topics.odometry} has the robot {away_m:.2f} m from the"
+                    f"{self._topics.odometry} shows the robot {away_m:.2f} m from the"
                     " start; put it there, or set frame to odom",
                 )
         return reset_ns
@@ -138,9 +138,11 @@ class ObservedSystem:
         return odometry, replace(odometry, pose=self._start @ odometry.pose)
 
     def take_contact(self) -> bool:
-        """Return whether the operator has told of a contact; TrialEnded after abort."""
+        """Return whether the operator has reported a contact; TrialEnded after abort."""
         if "abort" in self._calls:
-            raise TrialEnded(Outcome.ENVIRONMENT_FAILED, "the operator aborted it")
+            raise TrialEnded(
+                Outcome.ENVIRONMENT_FAILED, "the operator aborted the trial"
+            )
         is_told = "contact" in self._calls
         self._calls.discard("contact")
         return is_told
@@ -251,7 +253,7 @@ class ObservedSystem:
             self._calls.add(name)
             return ""
         calls = self._describe_calls() or "no trial is under way"
-        return f"that does not count now: {calls}"
+        return f"that has no effect now: {calls}"
 
     def _read_keys(self) -> None:
         """Take a line from the terminal, if there is one, as a call of the operator."""
@@ -269,7 +271,7 @@ class ObservedSystem:
         """Return the callback of a service that takes the operator's call."""
 
         def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-            """Take the call."""
+            """Take the operator's call; answer whether it counts."""
             response.message = self._take_call(name)
             response.success = not response.message
             return response
@@ -284,7 +286,7 @@ def load_interfaces() -> ModuleType:
     except ImportError:
         raise ConfigError(
             f"reset {INTERFACES}: the package is not installed; make install builds it"
-            " where a C++ compiler is, or set reset to service or operator"
+            " if there is a C++ compiler; or set reset to service or operator"
         ) from None
 
 
@@ -325,7 +327,7 @@ class ObservedQueue(TrialQueue):
         self._arrival_ns = 0
 
     def read(self) -> None:
-        """Take in what has arrived, in the order of arrival."""
+        """Take the messages that have arrived, in the order of arrival."""
         messages: list[Message] = []
         self._subscriber.read(messages.append)
         messages.sort(key=lambda message: message.sent_ns)
@@ -346,7 +348,7 @@ class ObservedQueue(TrialQueue):
             if step_ns < 0 or is_jump:
                 raise TrialEnded(
                     Outcome.ENVIRONMENT_FAILED,
-                    f"stamps of {message.topic} jump by {jump_s:+.2f} s: its clock was"
+                    f"stamps of {message.topic} jump by {jump_s:+.2f} s: the clock was"
                     " set, so times are unknown",
                 )
             self.longest_gap_ns = max(self.longest_gap_ns, step_ns)

@@ -49,7 +49,7 @@ _INPUT_TYPES = {topic.name.lstrip("/"): topic.type_name for topic in _INPUTS}
 class PlannerClient:
     """Waits for the planner, gives it seed, map and goal, and waits until it is ready.
 
-    Methods raise TrialEnded where the planner does not do its part within a limit.
+    Methods raise TrialEnded if the planner does not do its part within a limit.
     """
 
     def __init__(self, loop: EvaluatorLoop, view: GraphView, config: EvaluatorConfig):
@@ -66,7 +66,7 @@ class PlannerClient:
         self._config = config
         self._patience = config.patience
         self._nodes: dict[str, RemoteNode] = {}
-        # Full name of the planner's node, empty where the commands' sender counts.
+        # Full name of the planner's node, empty if the commands' sender counts.
         self._name = ""
         if config.planner_node:
             self._name = resolve_node_name(node, config.planner_node)
@@ -74,7 +74,7 @@ class PlannerClient:
         self._awaits_services = bool(self._name)
         # Parameters of the planner's nodes as texts, by "NODE NAME".
         self.parameters: dict[str, str] = {}
-        # Where the odometry of a system has the start; None where it begins there.
+        # Start in the frame of a system's odometry; None if the odometry begins there.
         self.origin: Pose2D | None = None
         self._managed_nodes = [
             self._remote_node(resolve_node_name(node, name))
@@ -118,7 +118,7 @@ class PlannerClient:
         """
 
         def describe_missing() -> str:
-            """Return that the named node is not there, else empty."""
+            """Return a text if the named node is not there, else ""."""
             if not self._name or self._name in self._view.nodes():
                 return ""
             return f"the node {self._name} (planner_node) is not there"
@@ -156,7 +156,7 @@ class PlannerClient:
         Raises:
             TrialEnded: If something is still missing after the limit, or if a type or
                 QoS is wrong for longer than `mismatch_s`.
-            BarnError: If a QoS is wrong for so long before any trial: the others would
+            BarnError: If a QoS is wrong for that long before any trial, as all trials would
                 end in the same way.
         """
         complete_since_s: float | None = None
@@ -184,11 +184,11 @@ class PlannerClient:
             is_complete = not finding.missing and (self._name or finding.command_node)
             if not is_complete:
                 complete_since_s = None
-                return finding.text() or "it has just come"
+                return finding.text() or "it has just appeared"
             complete_since_s = complete_since_s or now_s
             # The other nodes may see the planner a little later than the evaluator.
             if now_s - complete_since_s < self._patience.settle_s:
-                return "it has just come"
+                return "it has just appeared"
             return ""
 
         self._wait(describe_missing, limit_s)
@@ -263,7 +263,7 @@ class PlannerClient:
         self.goal.repeat(self._encode_goal(spec, stamp_ns))
 
     def clock_problem(self) -> str:
-        """Return that use_sim_time is off in the planner, if it said so, else empty."""
+        """Return a text if the planner says that use_sim_time is off, else ""."""
         if self._use_sim_time() == "False":
             return f"use_sim_time is off in {self._node.name}"
         return ""
@@ -287,7 +287,7 @@ class PlannerClient:
         The user gets a note every 5 s. A graph that is too crowded counts as missing
         something.
         """
-        # A crowded graph is told first: a look at all of it would take too long.
+        # A crowded graph is reported first: a look at all of it would take too long.
         missing = self._loop.wait_for_missing(
             subject, lambda: self._view.crowd() or describe_missing(), limit_s, PLANNER
         )

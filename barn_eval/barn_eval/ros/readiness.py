@@ -98,6 +98,8 @@ class Finding:
 
 
 class _Problem(NamedTuple):
+    """Something missing or wrong on the graph."""
+
     text: str
     is_wrong_type: bool = False
     is_unfit_qos: bool = False
@@ -166,7 +168,7 @@ def _command_problems(
         if velocities:
             other_topic, type_name = min(velocities)
             kind = short_type(type_name)
-            text += f"; a {kind} publisher exists on {other_topic}, remap it"
+            text += f"; a {kind} publisher exists on {other_topic}: remap it"
         yield _Problem(text)
     elif len(types) > 1:
         yield _Problem(
@@ -176,7 +178,7 @@ def _command_problems(
         expected = " or ".join(map(short_type, accepted))
         yield _Problem(
             f"no publisher on {topic}; a {short_type(types[0])} publisher exists on"
-            f" {topic}, this run expects {expected}",
+            f" {topic}, but this run expects {expected}",
             True,
         )
 
@@ -199,7 +201,7 @@ def _input_problems(graph: Graph, needs: Needs) -> Iterator[_Problem]:
         if not typed_readers:
             types = _short_types({short_type(reader.type_name) for reader in readers})
             yield _Problem(
-                f"no subscription to {topic}; one of {types} exists, it carries"
+                f"no subscription to {topic}; one of {types} exists, but it carries"
                 f" {short_type(type_name)}",
                 True,
             )
@@ -225,7 +227,7 @@ def _input_problems(graph: Graph, needs: Needs) -> Iterator[_Problem]:
 
 
 def _input_hint(graph: Graph, needs: Needs, type_name: str) -> str:
-    """Return an end of a message on where the planner listens instead, or empty."""
+    """Return a message's end that says where the planner listens instead, or ""."""
     published = {endpoint.topic for endpoint in (*graph.publishers, *needs.offered)}
     idle_topics = []
     for endpoint in graph.subscriptions:
@@ -235,7 +237,7 @@ def _input_hint(graph: Graph, needs: Needs, type_name: str) -> str:
             idle_topics.append(endpoint.topic)
     if idle_topics:
         return (
-            f"; a {short_type(type_name)} subscription exists on {min(idle_topics)},"
+            f"; a {short_type(type_name)} subscription exists on {min(idle_topics)}:"
             " remap it"
         )
 
@@ -243,12 +245,12 @@ def _input_hint(graph: Graph, needs: Needs, type_name: str) -> str:
         name for name, kind in graph.actions if short_type(kind) == "NavigateToPose"
     ]
     if type_name == POSE_STAMPED and goal_actions:
-        return f"; the action {min(goal_actions)} takes goals, set goal_by to action"
+        return f"; the action {min(goal_actions)} takes goals: set goal_by to action"
     return ""
 
 
 def _action_problems(graph: Graph, needs: Needs) -> Iterator[_Problem]:
-    """Yield that the action that takes the goal is missing or of another type."""
+    """Yield a problem if the goal's action is missing or of another type."""
     if needs.action is None or needs.action in graph.actions:
         return
     name, type_name = needs.action
@@ -288,7 +290,7 @@ def _short_types(type_names: Iterable[str]) -> str:
 
 
 class Watchdog:
-    """Tells when patience is at an end during a trial."""
+    """Tells when simulator or planner has exceeded a wait limit in a trial."""
 
     def __init__(
         self,
@@ -303,7 +305,7 @@ class Watchdog:
             patience: Limits of waits.
             now_s: The evaluator's time, by which limits count.
             commands: Number of commands that came before the trial.
-            tick: What is said if time stands still, without how long.
+            tick: Text for simulated time that stands still, without its duration.
         """
         self._tick = tick
         self._patience = patience
@@ -332,7 +334,7 @@ class Watchdog:
             self._last_command_s = now_s
 
     def is_clock_standing(self, now_s: float) -> bool:
-        """Return whether time has stood for about as long as a command is waited for."""
+        """Return whether simulated time has stood still for most of `command_s`."""
         return now_s - self._last_tick_s > 0.9 * self._patience.command_s
 
     def publisher_seen(self, now_s: float) -> None:

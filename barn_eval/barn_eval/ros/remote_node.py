@@ -26,7 +26,7 @@ class ServiceTimeout(Exception):
 
 
 class ServiceRefused(Exception):
-    """A service answered that it does not do what it was asked, and why."""
+    """A service refused what it was asked, with a reason."""
 
 
 @dataclass
@@ -210,7 +210,7 @@ class RemoteNode:
             period_s = min(remaining_s, call_period_s)
             if self.loop.wait(future.done, period_s, self.process):
                 return future.result()
-            # Otherwise the client would keep the call for ever.
+            # Otherwise the client would keep the call forever.
             client.remove_pending_request(future)
         raise ServiceTimeout(f"no answer from {path} within {limit_s:g} s")
 

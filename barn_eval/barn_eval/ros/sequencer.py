@@ -88,7 +88,7 @@ class TickSequencer:
         """Begin a tick of /clock, if its time is new; return whether it is.
 
         Args:
-            stamp_ns: The simulated time that it tells.
+            stamp_ns: The simulated time that the tick tells.
             sent_ns: Wall-clock time at which it was sent.
 
         Returns:
@@ -102,7 +102,7 @@ class TickSequencer:
         return True
 
     def acknowledge(self, stamp_ns: int) -> None:
-        """Set up to which simulated time (ns) all messages have come over DDS.
+        """Record up to which simulated time (ns) all messages have arrived over DDS.
 
         Anybody can publish a tick of the future; it counts as the last one.
         """

@@ -49,7 +49,7 @@ class SimulatorChannel:
         """
         # Beginning of the identities of the simulator's endpoints, once known.
         self.participant = b""
-        # What other nodes have asked of the simulator, in vain.
+        # Requests of other nodes that the simulator refused.
         self.interference: list[str] = []
         # How the robot has tipped over since the reset, if it has.
         self.tip = ""
@@ -103,7 +103,7 @@ class SimulatorChannel:
             self.answered_ns.clear()
             self.processor_times_s.clear()
 
-        # A number of the clock keeps an answer to an earlier evaluator apart.
+        # A number from the clock tells answers to an earlier evaluator apart.
         number = time.monotonic_ns()
         self._line.send(number=number, do=action, **content)
         answer = self._loop.wait(
@@ -165,8 +165,8 @@ class SimulatorServices(RemoteNode):
             ServiceRefused: If the simulator does not do it.
             ServiceTimeout: If no answer comes.
         """
-        # A call that may be repeated is repeated; a reset must not be, it begins a
-        # trial.
+        # Calls that may be repeated are repeated; a reset must not be, because it begins
+        # a trial.
         if action == "pause":
             return self.switch("pause", on, limit_s)
         if action == "reset":
@@ -181,7 +181,7 @@ class SimulatorServices(RemoteNode):
 class SimulatorClient:
     """Sets up, resets, pauses and releases the simulator.
 
-    All methods raise TrialEnded if it does not answer and BarnError if it refuses.
+    All methods raise TrialEnded if it does not answer, and BarnError if it refuses.
     """
 
     def __init__(
@@ -239,8 +239,8 @@ class SimulatorClient:
         # Time stops first, so that none passes between the reset and the release.
         if not _read_status(self._ask("pause", limit_s, on=True)):
             raise BarnError(
-                "simulator: its ~/pause does not answer as the suite's own does; name"
-                " what it is in a file, for barn run --system or the parameter system"
+                "simulator: its ~/pause does not answer like the suite's own; describe"
+                " it in a file, for barn run --system or the parameter system"
             )
         self._ask("set_parameters", limit_s, values=values)
         # Messages that were sent before this time are not of the trial.

@@ -239,13 +239,13 @@ class TrialQueue:
             topic, size = self._topic_bytes.most_common(1)[0]
             raise TrialEnded(
                 Outcome.INTERFERENCE,
-                f"{size / 1e6:.0f} MB on {topic}, more than can be kept up with",
+                f"{size / 1e6:.0f} MB on {topic}, more than the evaluator can read",
             )
         if self._clock_lag_ns:
             lag_s = seconds(self._clock_lag_ns)
             raise TrialEnded(
                 Outcome.INTERFERENCE,
-                f"commands are stamped by a clock that is {lag_s:.0f} s or more behind",
+                f"commands are stamped by a clock at least {lag_s:.0f} s behind",
             )
 
     def read(self) -> None:

@@ -103,7 +103,7 @@ class RunContext:
             self.system = ObservedSystem(
                 self.loop, file, config, self.subscriber, self.topics
             )
-        # Brings the simulator's readings; None where they come by topics.
+        # Brings the simulator's readings; None if they come by topics.
         self.channel = self._subscribe_to_readings()
 
         self.integrity = Integrity(
@@ -204,7 +204,7 @@ class RosTrial:
         # Whether the trial came to driving, and for how much wall-clock time.
         self.released = False
         self.wall_s = 0.0
-        # What the planner's own action says of the trial, where the goal is an action.
+        # What the planner's own action says of the trial, if the goal is an action.
         self.action_result: str | None = None
         # What is measured of the drive; None before its first tick.
         self.adapter: TrialAdapter | None = None
@@ -262,7 +262,7 @@ class RosTrial:
         if verdict.outcome in _CLOCK_RELATED:
             details.append(self._context.planner.clock_problem())
         if self.action_result not in (None, "executing"):
-            details.append(f"its own verdict: {self.action_result}")
+            details.append(f"its action's result: {self.action_result}")
         return replace(verdict, detail="; ".join(filter(None, details)))
 
     def _prepare(self) -> TrialQueue:
@@ -285,7 +285,7 @@ class RosTrial:
         planner.await_node(planner_limit_s)
         # A node that is active already must not lose the time of a second reset.
         if planner.inactive_nodes():
-            # Many a node needs time to pass, and transforms, to become active.
+            # To become active, many nodes need passing time and transforms.
             if context.channel is not None:
                 context.channel.ignore()
             simulator.release()
@@ -355,7 +355,7 @@ class RosTrial:
             scans.count(types[topics.scan]), commands.count(types[topics.command])
         ):
             loop.note(
-                "not all subscriptions to the scan are connected with the simulator"
+                "not all subscriptions to the scan are connected to the simulator"
             )
 
     def _find_unmatched(self, topics: Iterable[str]) -> list[str]:
@@ -408,7 +408,7 @@ class RosTrial:
                 context.planner.repeat_goal(self._spec, queue.now_ns)
 
     def _record_tail(self, queue: TrialQueue) -> None:
-        """Record two seconds more of a system: its odometry shows the arrival late."""
+        """Record 2 s more of a system, whose odometry shows the arrival late."""
         loop = self._context.loop
         if self._context.system is None:
             return

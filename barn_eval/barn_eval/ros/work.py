@@ -130,7 +130,7 @@ def isolation_warning(setup: RosConfig) -> str:
     reason = probe_isolation() if setup.isolate else "isolate=false"
     return (
         f"planners are not kept apart from the suite's processes ({reason}):"
-        " a trial in which one of those ends counts as their failure"
+        " if one of these ends, the trial counts as the planner's failure"
     )
 
 
@@ -150,7 +150,7 @@ def require_ros(config: RunConfig, reporter: Reporter) -> None:
     if problem:
         raise ConfigError(
             f"mode ros: {problem}; install the ROS 2 wheels for this Python or use"
-            " that of ROS"
+            " the Python of ROS"
         )
     with (
         convert_os_errors(ConfigError, "mode ros: no loopback interface, 127.0.0.1"),

@@ -55,7 +55,7 @@ _THREAD = "thread-self"  # in /proc
 def run_direct_trial(
     spec: TrialSpec, recorder: Recorder | None = None, planner: Planner | None = None
 ) -> FinishedTrial:
-    """Run one trial in this process to its verdict, whatever the planner does.
+    """Run one trial in this process to its verdict; return the finished trial.
 
     Args:
         spec: The trial.
@@ -137,7 +137,7 @@ def warm_up(spec: TrialSpec, *, with_planner: bool) -> None:
 
 @contextmanager
 def _blame_planner() -> Iterator[None]:
-    """Raise PlannerError for whatever is raised in a context but errors of the suite."""
+    """Turn exceptions in a context into PlannerError, except the suite's own errors."""
     try:
         yield
     except BarnError:
@@ -197,7 +197,7 @@ class _DirectTrial:
                 try:
                     readings = simulator.step(command, delay_ns)
                     simulator.require_upright()
-                # Whatever the simulator raises belongs into the result.
+                # Whatever the simulator raises belongs in the result.
                 except Exception as error:
                     outcome = Outcome.SIMULATOR_DIED
                     detail = describe_error(error)
@@ -226,7 +226,7 @@ class _DirectTrial:
         )
 
         def run_cycle() -> RuntimeOutput:
-            """Run a cycle of the planner and keep the time it took."""
+            """Return the planner's answer, as plain copies, and store the time it took."""
             stopwatch = Stopwatch()
             try:
                 return _make_plain(self._runtime.step(observation))
@@ -264,7 +264,7 @@ class _DirectTrial:
             self._bag.standing(self.trial.referee, stamp_ns)
 
     def _conclude(self, simulator: Simulator, stamp_ns: int) -> None:
-        """Keep the last positions of pushed obstacles, in the bag too."""
+        """Store the final positions of pushed obstacles, also in the bag if any."""
         moved = simulator.moved_obstacles()
         self.cylinders_m[moved.indices] = moved.positions[:, :2]
         if self._bag is not None:
@@ -277,7 +277,7 @@ def _make_plain(answer: RuntimeOutput) -> RuntimeOutput:
     A planner's own types could compute or fail when they are read, after its cycle.
 
     Raises:
-        TypeError: The command is none.
+        TypeError: The command is not a Velocity2D.
     """
     command = answer.command
     decision = answer.decision
@@ -317,7 +317,7 @@ def pace() -> float:
 
 
 def measure_pace(clock: Callable[[], float]) -> float:
-    """Return reference seconds per second of `clock`, of several reference loops.
+    """Return reference seconds per second of `clock`, from the fastest of some loops.
 
     Args:
         clock: Returns seconds of processor time: what other processes take from a
@@ -335,7 +335,7 @@ class CycleTime(NamedTuple):
     waited_s: float  # by its own doing: a sleep, a graphics card, another thread
 
     def reference_s(self, pace: float) -> float:
-        """Return what it would take on the reference computer, in s.
+        """Return the time in s that the cycle takes on the reference computer.
 
         A sleep is as long on any processor, so waiting is not scaled.
 
@@ -346,10 +346,10 @@ class CycleTime(NamedTuple):
 
 
 class Stopwatch:
-    """Measures what this thread does from the moment of construction.
+    """Measures the time that this thread takes from construction on.
 
-    It takes the processor's time, and the time in which the thread waits by its own
-    doing. What other work on the machine takes from it costs nothing.
+    It measures processor time, and the time in which the thread waits by its own doing.
+    What other work on the machine takes from it costs nothing.
     """
 
     def __init__(self) -> None:
@@ -358,11 +358,11 @@ class Stopwatch:
         self._withheld_s = processor_wait_s(_THREAD)
         self._processor_s = time.thread_time()
         # Reading the other clock takes microseconds, so this one is read last here and
-        # first in `elapsed_s`.
+        # first in `elapsed`.
         self._wall_s = time.perf_counter()
 
     def elapsed(self) -> CycleTime:
-        """Return the processor's and the waited time since construction."""
+        """Return this thread's processor time and own waiting time so far."""
         wall_s = time.perf_counter() - self._wall_s
         processor_s = min(time.thread_time() - self._processor_s, wall_s)
         if _count_waits() == self._wait_count:

@@ -25,9 +25,7 @@ from barn_eval.trials.system import OPERATOR, System
 from barn_sim.config import robot_of
 from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.errors import BagError, ConfigError
-from barn_worlds.base.types import (
-    Pose2D,
-)
+from barn_worlds.base.types import Pose2D
 from barn_worlds.datasets.dataset import dataset_files
 from barn_worlds.messages.topics import FRAMES
 from barn_worlds.robots.files import load_robot
@@ -48,15 +46,17 @@ class JudgeOptions(Checked):
 
     world: str = quantity(
         "",
-        "number of the world of all bags, or of each, such as 0,30,60; by default that"
-        " of the bag of the suite or of its name, else none is known",
+        "number of the world of all bags, or of each, such as 0,30,60; by default the one"
+        " that the suite's bag or its name has; otherwise the world is unknown",
     )
-    dataset: str = quantity("", "data set of the worlds; by default the bag's, barn300")
+    dataset: str = quantity(
+        "", "data set of the worlds; by default the bag's, otherwise barn300"
+    )
     protocol: str = quantity("challenge", "rules: a name or a YAML file")
-    robot: str = quantity("jackal", "a name or a YAML file")
-    system: str = quantity("unnamed", "name of the simulator or robot, as you like")
-    kind: str = quantity("robot", "what it is", choices=("simulator", "robot"))
-    planner: str = quantity("", "who drove")
+    robot: str = quantity("jackal", "robot: a name or a YAML file")
+    system: str = quantity("unnamed", "name that you choose for the simulator or robot")
+    kind: str = quantity("robot", "kind of system", choices=("simulator", "robot"))
+    planner: str = quantity("", "name of the planner that drove")
     max_speed: float = quantity(
         0.0, "highest speed that the planner commands, 0 if unknown", "m/s", 0.0, 100.0
     )
@@ -67,7 +67,7 @@ class JudgeOptions(Checked):
     )
     frame: str = quantity(
         "auto",
-        "frame of the poses: the world's, one that begins anywhere, or as it is named",
+        "frame of the poses: the world's, one that begins anywhere, or by its name",
         choices=("auto", "world", "odom"),
     )
     goal: str = quantity("", "topic of goals; by default goal_pose")
@@ -75,9 +75,10 @@ class JudgeOptions(Checked):
         "", "topic of contacts (Bool), operator or none; by default collision, if any"
     )
     contact_at: str = quantity(
-        "", "with contact operator: seconds from the start to each, such as 3.5,12"
+        "",
+        "with contact operator: seconds from the start to each contact, such as 3.5,12",
     )
-    namespace: str = quantity("", "in front of the names of topics")
+    namespace: str = quantity("", "namespace before the names of topics")
 
     def __post_init__(self) -> None:
         """Raise ConfigError for a value that is not allowed."""
@@ -92,7 +93,7 @@ class JudgeOptions(Checked):
         )
 
     def numbers(self, name: str) -> list[float]:
-        """Return the numbers in a text; ConfigError unless all are of 0 or more."""
+        """Return the numbers in an option; ConfigError if one is below 0 or no number."""
         text = getattr(self, name)
         try:
             numbers = [float(word) for word in text.split(",") if word]
@@ -104,14 +105,14 @@ class JudgeOptions(Checked):
 
     @property
     def operator_contacts_s(self) -> list[float] | None:
-        """When contacts were, from the start; None unless an operator says so."""
+        """Times of contacts in s from the start; None unless an operator reports them."""
         if self.contact != OPERATOR:
             return None
         return self.numbers("contact_at")
 
     @property
     def sources(self) -> Sources:
-        """Which topics of a bag are named."""
+        """The topics of a bag that options name; empty names are left to the bag."""
         contact = "" if self.contact == OPERATOR else self.contact
         return Sources(self.pose, self.goal, contact, self.namespace)
 
@@ -144,14 +145,14 @@ def judge(
     worlds = options.numbers("world")
     if len(worlds) not in (0, 1, len(bags)):
         raise ConfigError(
-            f"world: {len(worlds)} for {len(bags)} bags; name one of all, or one of each"
+            f"world: {len(worlds)} numbers for {len(bags)} bags; give one, or one for each"
         )
     drives = [read_observed_drive(path, options.sources) for path in bags]
     systems = {_system_of(drive, options): drive.path for drive in drives}
     system = min(systems, key=str)
     if len(systems) > 1:
         examples = "; ".join(f"{path} of {of.label}" for of, path in systems.items())
-        raise BagError(f"{examples}: judge them into folders of their own")
+        raise BagError(f"{examples}: judge each system into a folder of its own")
     segments: list[Segment] = []
     for number, drive in enumerate(drives):
         for segment in _split(drive):
@@ -182,7 +183,7 @@ def judge(
 
 
 def _system_of(drive: ObservedDrive, options: JudgeOptions) -> System:
-    """Return the system that a drive is of."""
+    """Return the system of a drive, from options and its bag."""
     contact = drive.contact_source
     if options.contact == OPERATOR:
         contact = OPERATOR
@@ -226,7 +227,7 @@ def _identify(
         segment: The segment.
         world: Number of its world, if somebody names it.
         options: What is said about it.
-        earlier: Segments that have theirs, which no other gets.
+        earlier: Segments identified before, whose trial IDs are taken.
     """
     drive = segment.drive
     # A bag may name any file; only those of the suite are opened.
@@ -265,12 +266,12 @@ def _plan(
     system: System,
     segments: Sequence[Segment],
 ) -> RunRequest:
-    """Return the run that the segments are the trials of, with worlds that it keeps."""
+    """Return the run whose trials are the segments; it keeps worlds from bags."""
     datasets = sorted({segment.dataset for segment in segments})
     if len(datasets) > 1:
         raise ConfigError(
-            f"bags are of several data sets, {', '.join(datasets)}: judge them into"
-            " folders of their own"
+            f"bags are of several data sets, {', '.join(datasets)}: judge each into"
+            " a folder of its own"
         )
     worlds = None
     protocol = load_protocol(options.protocol)
@@ -323,10 +324,8 @@ def _unknown_world(segment: Segment, course: Sequence[float], robot: Robot) -> W
         goals = [goal.content.frame for goal in segment.drive.goals]
         reason = "has no goal (a topic of geometry_msgs/msg/PoseStamped)"
         if goals:
-            reason = (
-                f"its goal is in frame {goals[0]}, its poses in {segment.drive.frame}"
-            )
-        raise BagError(f"{path}: {reason}; name one by --goal, --world or --course")
+            reason = f"its goal is in frame {goals[0]}, but poses are in {segment.drive.frame}"
+        raise BagError(f"{path}: {reason}; name a goal by --goal, --world or --course")
     ends = np.array([(start.x, start.y), (goal.x, goal.y)])
     corner_x, corner_y = (ends.min(axis=0) - _CELL_M).tolist()
     # The world refuses more cells than that.

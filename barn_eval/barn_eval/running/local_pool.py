@@ -58,8 +58,8 @@ class LocalPool(WorkerPool):
             self._work = cloudpickle.dumps(work)
         except Exception as error:
             raise ConfigError(
-                "a planner cannot be handed to a worker"
-                f" ({type(error).__name__}: {error}); workers=1 needs none"
+                "a planner cannot be sent to a worker process"
+                f" ({type(error).__name__}: {error}); workers=1 starts none"
             ) from None
         self._environment = os.environ | ENVIRONMENT
         if work.needs_import_path:
@@ -78,7 +78,7 @@ class LocalPool(WorkerPool):
         return self._slots
 
     def submit(self, key: str, job: object) -> None:
-        """Send a job to an idle worker, started first if it must be; do not wait.
+        """Send a job to an idle worker, starting one if needed; do not wait.
 
         Args:
             key: Key of the job, which its reports carry.
@@ -239,7 +239,7 @@ class _Worker:
         """
         wait_s = processor_wait_s(self.process.pid) - self._processor_wait_s
         is_slow = wait_s >= 0.5 * self._limit_s or self._excused_s >= self._limit_s
-        # Once only: a planner that hangs must not profit from a slow machine for ever.
+        # Once only: a planner that hangs must not profit from a slow machine forever.
         if self._is_extended or not is_slow:
             return False
         self._is_extended = True

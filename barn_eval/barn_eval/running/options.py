@@ -33,18 +33,18 @@ class RunKeywords(TypedDict, total=False):
     """Name, YAML file or object of the robot. Default: "jackal"."""
 
     course: Sequence[float] | Sequence[Sequence[float]] | None
-    """Start x, y, yaw and goal x, y of every world [m, rad]; of several courses, each
-    is a world of the run. Default: the world's own course, else the protocol's."""
+    """Start x, y, yaw and goal x, y of every world [m, rad]; each of several courses
+    becomes a world of the run. Default: the world's own course, else the protocol's."""
 
     routes: int | None
-    """Number of routes to draw in each world by the seed; each is a world of the run.
+    """Number of routes to draw in each world from the seed; each is a world of the run.
     Default: 0, the world's own course."""
 
     repetitions: int | None
     """Trials per world and planner. Default: 1."""
 
     seed: int | None
-    """Seed of everything random; equal seeds give equal trials. Default: 0."""
+    """Seed of all random numbers; equal seeds give equal trials. Default: 0."""
 
     settings: Parameters | None
     """Planner parameters, such as {"dwa": {"dwa.max_speed_mps": 0.4}}. With only one
@@ -92,7 +92,7 @@ class RunKeywords(TypedDict, total=False):
     600."""
 
     attempts: int | None
-    """Attempts at a trial whose worker dies or exceeds that time. Default: 3."""
+    """Attempts at a trial whose worker dies or exceeds the limit. Default: 3."""
 
     losses: int | None
     """Trials lost in a row after which the run stops. Default: 20."""

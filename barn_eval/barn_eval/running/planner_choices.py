@@ -49,7 +49,7 @@ def read_planners(entries: Any, commands: Any, where: str) -> list[PlannerChoice
         # Nobody could tell which planner such a command belongs to.
         if command == text and (len(planners) > 1 or len(texts) > 1):
             raise ConfigError(
-                f"planner command {format_value(text)}: give it as NAME=COMMAND where"
+                f"planner command {format_value(text)}: give it as NAME=COMMAND if"
                 " there are several planners"
             )
         _set_command(planners, name, command)
@@ -60,7 +60,7 @@ def read_planners(entries: Any, commands: Any, where: str) -> list[PlannerChoice
 
 
 def read_texts(value: Any, option: str, where: str) -> list[str]:
-    """Return an option's texts, of which it may have none, one or a list.
+    """Return an option's value, None, one text or a list of texts, as a list.
 
     Args:
         value: Value of the option.
@@ -68,7 +68,7 @@ def read_texts(value: Any, option: str, where: str) -> list[str]:
         where: Beginning of error messages.
 
     Raises:
-        ConfigError: If it is something else.
+        ConfigError: If the value is something else.
     """
     texts = () if value is None else value
     if isinstance(value, str):
@@ -94,7 +94,7 @@ def package_command(text: str) -> str:
 def give_inputs(
     planners: Sequence[PlannerChoice], inputs: Any, where: str
 ) -> list[PlannerChoice]:
-    """Return copies of planners with what is written to their standard input.
+    """Return copies of planners with texts for their standard input.
 
     Args:
         planners: The planners of a run.
@@ -256,8 +256,8 @@ def apply_parameters(
         name, values = _find_planner(str(key), value, planners)
         if name not in values_by_planner:
             raise ConfigError(
-                f"{where}parameters of planner {format_value(name)}, which is not among"
-                f" them{suggest(name, values_by_planner)}"
+                f"{where}parameters of planner {format_value(name)}, which the run does"
+                f" not have{suggest(name, values_by_planner)}"
             )
         overrides = {str(parameter): item for parameter, item in values.items()}
         values_by_planner[name] |= overrides
@@ -303,7 +303,7 @@ def _has_parameter(planner: str, key: str) -> bool:
 def _set_parameters(
     planner: PlannerChoice, parameters: Mapping[str, Any], where: str
 ) -> PlannerChoice:
-    """Return a planner with these overrides in place of its own.
+    """Return a planner with these overrides instead of its own.
 
     Speed cap (of a planner that a command starts) and "compute.KEY" become its fields.
     """

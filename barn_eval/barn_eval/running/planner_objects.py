@@ -77,7 +77,7 @@ class FunctionPlanner(Planner):
         """Call the function and return its command; None sends none in this cycle.
 
         Raises:
-            TypeError: If the function returns anything else than a command, or two
+            TypeError: If the function returns anything but None, a command or two
                 numbers for forward speed [m/s] and yaw rate [rad/s].
         """
         arguments = (observation, self._task) if self._takes_task else (observation,)
@@ -126,7 +126,7 @@ def split_planner_objects(
         # Results of two planners under one name would be compared as one.
         if planner.name in planner_names():
             raise ConfigError(
-                f"planner {planner.name!r}: is one of the registry's; give yours"
+                f"planner {planner.name!r}: is a planner of the registry; give yours"
                 " another name"
             )
         objects[planner.name] = planner
@@ -180,7 +180,7 @@ def fingerprint(planner: object) -> str:
 
 
 def _require_planner(planner: Any) -> None:
-    """Raise ConfigError unless it is a Planner, or takes one or two arguments."""
+    """Raise ConfigError unless `planner` is a Planner or a function of 1 or 2 values."""
     if isinstance(planner, type):
         if not issubclass(planner, Planner):
             raise ConfigError(

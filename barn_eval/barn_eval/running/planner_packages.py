@@ -2,7 +2,7 @@
 
 Files of a package are parsed and never executed. A planner command "package:TEXT" has
 the text of `--planner-package`: DIR, DIR:EXECUTABLE, DIR:FILE.launch.py,
-DIR:MODULE:FUNCTION or FILE.py[:FUNCTION], with arguments behind.
+DIR:MODULE:FUNCTION or FILE.py[:FUNCTION], followed by arguments.
 """
 
 import json
@@ -25,9 +25,9 @@ _SETUP = "setup.py"
 _CMAKE = "CMakeLists.txt"
 _BUILDS = (_SETUP, _CMAKE)
 _LARGEST_BYTES = 1 << 20
-# Folders below that of a user in which packages are looked for: src/PACKAGE, mostly.
+# Depth to which packages are sought below the user's folder: mostly src/PACKAGE.
 _DEPTH = 4
-# What a build leaves, where the same packages lie again.
+# What a build leaves, with copies of the same packages.
 _BUILD_FOLDERS = frozenset(["build", "install", "log"])
 _SCRIPT = re.compile(r"\s*([\w.-]+)\s*=\s*([\w.]+:\w+)\s*")
 _PROGRAMS = re.compile(r"install\s*\(\s*PROGRAMS\s([^)]*?)\sDESTINATION", re.DOTALL)
@@ -61,7 +61,7 @@ class Executable:
 
     @property
     def command(self) -> tuple[str, ...]:
-        """Words that start it, without arguments of its own."""
+        """Words that start the executable, without arguments of its own."""
         if self.launched:
             commands = [
                 [*node.command, *arguments] for node, arguments in self.launched
@@ -74,7 +74,7 @@ class Executable:
 
     @property
     def is_packaged(self) -> bool:
-        """Whether the folder is that of a package, and not of a single file."""
+        """Whether the folder belongs to a package and not to a single file."""
         return any((self.folder / name).is_file() for name in (_MANIFEST, *_BUILDS))
 
     @property
@@ -89,7 +89,7 @@ class Executable:
 
     @property
     def import_path(self) -> list[Path]:
-        """Folders that its modules are imported from."""
+        """Folders from which its modules are imported."""
         folders = [
             path for package in self.packages for path in (package, package / "src")
         ]
@@ -109,7 +109,7 @@ class Executable:
         return [path]
 
     def make_prefix(self, prefix: Path, inherited: Mapping[str, str]) -> dict[str, str]:
-        """Link the packages into a prefix of ROS, and return variables that name it.
+        """Link the packages into a ROS prefix; return environment variables that name it.
 
         Args:
             prefix: Folder to make.
@@ -183,7 +183,7 @@ def find_executable(text: str) -> Executable:
     packages = packages or [file.parent for file in files if file.name in _BUILDS]
     if not packages:
         raise ConfigError(
-            f"{subject}: no package (package.xml) in {path}; a single file is given as"
+            f"{subject}: no package (package.xml) in {path}; give a single file as"
             " FILE.py or FILE.py:FUNCTION"
         )
     if ":" in name:
@@ -217,7 +217,9 @@ def _choose(name: str, files: Sequence[Path], packages: Sequence[Path]) -> Execu
             return _read_launched(file, packages, executables)
     compiled = _explain_compiled(packages)
     if not executables and all(map(_is_ros1, packages)):
-        raise ConfigError("it is for ROS 1; see docs/tutorials/other_stacks.md")
+        raise ConfigError(
+            "the package is for ROS 1; see docs/tutorials/other_stacks.md"
+        )
     if not executables:
         raise ConfigError(compiled or _NO_EXECUTABLES)
     matching = [item for item in executables if name in ("", item.name)]
@@ -239,7 +241,7 @@ def _choose(name: str, files: Sequence[Path], packages: Sequence[Path]) -> Execu
 def _read_launched(
     path: Path, packages: Sequence[Path], executables: Sequence[Executable]
 ) -> Executable:
-    """Return a launch file as one executable."""
+    """Return a launch file as one executable; ConfigError if a node has no source."""
     folders = {_package_name(package): package for package in packages}
     by_name = {(item.folder, item.name): item for item in executables}
     launched = []
@@ -247,13 +249,13 @@ def _read_launched(
         executable = by_name.get((folders[package], name))
         if executable is None:
             raise ConfigError(
-                f"{path}: package {package!r} has no executable in Python called"
-                f" {name!r}; build it with colcon, and start it by --planner-command"
+                f"{path}: package {package!r} has no Python executable {name!r}; build it"
+                " with colcon and start it by --planner-command"
                 f' "ros2 launch {package} {path.name}"'
             )
         launched.append((executable, arguments))
     if not launched:
-        raise ConfigError(f"{path}: it starts no node of {', '.join(folders)}")
+        raise ConfigError(f"{path}: starts no node of {', '.join(folders)}")
     folder = launched[0][0].folder
     return Executable(path.name, folder, str(path), tuple(launched))
 
@@ -274,7 +276,7 @@ def find_module(name: str, folders: Sequence[Path]) -> Path | None:
 
 
 def _explain_compiled(packages: Sequence[Path]) -> str:
-    """Return what of packages is compiled and how that is started, empty if nothing."""
+    """Return which program of packages is compiled and how to start it, or ""."""
     for package in packages:
         text = _read_cmake(package)
         for name in _COMPILED.findall(text):
@@ -284,8 +286,8 @@ def _explain_compiled(packages: Sequence[Path]) -> str:
             )
         if "add_library(" in text:
             return (
-                f"{package} is a compiled plugin, which another program loads; build it"
-                " with colcon, and see docs/tutorials/nav2.md"
+                f"{package} is a compiled plugin that another program loads; build it"
+                " with colcon and see docs/tutorials/nav2.md"
             )
     return ""
 
@@ -297,7 +299,7 @@ def _package_name(package: Path) -> str:
 
 
 def _walk(folder: Path, depth: int) -> Iterator[Path]:
-    """Yield files below a folder to a depth, but hidden ones and those of a build."""
+    """Yield files below a folder to a depth, except in hidden or build folders."""
     for path in sorted(folder.iterdir()):
         if path.is_file():
             yield path
@@ -321,7 +323,7 @@ def _read_cmake(package: Path) -> str:
 
 
 def _is_ros1(package: Path) -> bool:
-    """Return whether the build tool of a package is that of ROS 1."""
+    """Return whether a package is built with ROS 1's catkin."""
     return "<buildtool_depend>catkin<" in _read(package / _MANIFEST)
 
 

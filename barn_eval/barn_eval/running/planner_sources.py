@@ -55,7 +55,7 @@ class PlannerSource:
         return texts, {name for name in modules if "." not in name}
 
     def missing_modules(self, environment: Mapping[str, str]) -> dict[str, str]:
-        """Return what supplies each module that the planner's Python does not have.
+        """Return what supplies each module that the planner's Python cannot find, by name.
 
         Args:
             environment: Variables that the planner is started with.
@@ -73,7 +73,7 @@ class PlannerSource:
         return {name: supplier(name) for name in search.stdout.split()}
 
     def goal_arguments(self) -> str:
-        """Return ROS arguments that set its parameters of a goal, empty without any."""
+        """Return ROS arguments that set its goal parameters, empty if it has none."""
         texts, _ = self.read()
         arguments = ""
         for name, number in _GOAL_PARAMETER.findall("\n".join(texts.values())):
@@ -81,7 +81,7 @@ class PlannerSource:
         return arguments and f" --ros-args{arguments}"
 
     def start_problem(self) -> str:
-        """Return that a script only defines what it should run, else empty."""
+        """Return a line if a script defines main but never calls it, else ""."""
         texts, _ = self.read()
         for start in self.starts:
             text = texts.get(start, "")
@@ -94,10 +94,10 @@ class PlannerSource:
 
 
 def read_source(command: str) -> PlannerSource:
-    """Return the source of a planner command; nothing is known of other programs.
+    """Return the Python source of a planner command, an empty one for other programs.
 
     Raises:
-        ConfigError: If it names a package without that executable.
+        ConfigError: If the command names a package without that executable.
     """
     words = split_command(command)
     executable = find_packaged(words)
@@ -117,7 +117,7 @@ def supplier(module: str) -> str:
         if re.fullmatch(pattern, module):
             return str(text).format(name=module.replace("_", "-"))
     # Packages of that name on PyPI may be something else.
-    return "not known here: see the planner's page for what has it"
+    return "not known here; see the planner's own page"
 
 
 def explain_end(command: str, printed: str) -> str:
@@ -143,12 +143,12 @@ def _imports(
 ) -> Iterator[tuple[str, tuple[Path, ...]]]:
     """Yield modules that a file imports, with the folders to look for them in.
 
-    Those that it tries to import are left out: it may do without.
+    Modules in a `try` are left out, since the file may do without them.
     """
     try:
         nodes = list(ast.walk(ast.parse(text)))
     except (SyntaxError, ValueError):
-        # Python itself says what is wrong, once the planner is started.
+        # Python itself says what is wrong once the planner starts.
         return
     optional: set[ast.AST] = set()
     for node in nodes:

@@ -74,7 +74,7 @@ class Work(ABC):
         """
 
     def close(self) -> None:  # noqa: B027 (most have nothing to end)
-        """Release what stays open between jobs; by default nothing."""
+        """Release what stays open between jobs; do nothing by default."""
 
 
 @dataclass(frozen=True)
@@ -185,7 +185,7 @@ def run_job(
     def emit(result: object) -> None:
         """Send a text as a notice, anything else as a partial result."""
         nonlocal started_at
-        # What is no text is a result: works emit nothing else.
+        # Anything but a text is a result, since works emit nothing else.
         if isinstance(result, str):
             send(Notice(key, worker, result))
         else:

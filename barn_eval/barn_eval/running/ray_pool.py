@@ -23,7 +23,7 @@ from barn_worlds.base.errors import BarnError, ConfigError, format_error
 
 
 class RayPool(WorkerPool):
-    """A Ray task with one processor per job; Ray keeps processes from task to task."""
+    """Runs each job as a Ray task on one processor; Ray reuses its processes."""
 
     def __init__(
         self, work: Work, workers: int, trial_limit_s: float, address: str = ""
@@ -93,7 +93,7 @@ class RayPool(WorkerPool):
 
         for reference, (key, deadline_s) in list(self._running.items()):
             if time.monotonic() >= deadline_s:
-                # Its result may still come; it must not count besides the loss.
+                # Its result may still arrive, but must not count in addition to the loss.
                 del self._running[reference]
                 self._ray.cancel(reference, force=True)
                 reason = f"no result within {self._limit_s:g} s of wall-clock time"

@@ -198,7 +198,7 @@ class Tally:
     successes: int = 0
 
     score_sum: float = 0.0
-    """Of the measure that the protocol ranks by."""
+    """Sum of the measure by which the protocol ranks."""
 
     def add(self, result: TrialResult) -> None:
         """Count a result."""
@@ -248,7 +248,7 @@ class RunProgress:
             self._last_notice = event.text
         elif isinstance(event, TrialLoss):
             self.reporter.warn(
-                f"{event.trial_id}: attempt {event.attempt} lost, {event.reason}"
+                f"{event.trial_id}: attempt {event.attempt} was lost: {event.reason}"
             )
         else:
             self._take_result(event)
@@ -265,7 +265,7 @@ class RunProgress:
         return text
 
     def _take_result(self, result: TrialResult) -> None:
-        """Count a result; tell it in a line unless the run has too many trials."""
+        """Count a result; report it in a line unless the run has too many trials."""
         self.count += 1
         self._simulated_s += result.scores.duration_s
         self._count(result)

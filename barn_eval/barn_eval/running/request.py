@@ -68,7 +68,7 @@ class RunRequest:
         # The system refuses such a path with an error that names no option.
         if "\0" in str(self.out):
             raise ConfigError(
-                f"out {format_value(str(self.out))}: a path cannot hold a NUL"
+                f"out {format_value(str(self.out))}: a path cannot contain a NUL"
             )
 
     @property
@@ -89,7 +89,7 @@ class RunRequest:
         """Return a copy of the run in which each route of a world is a world.
 
         `courses` are routes as numbers for `parse_course`, and `config.routes` are
-        drawn. The run itself is returned where there are none.
+        drawn. Without either, the run itself is returned.
         """
         config = self.config
         if config.course and self.dataset.maps:
@@ -113,7 +113,7 @@ class RunRequest:
 
 
 def _pop_courses(content: dict[str, Any], where: str) -> list[tuple[float, ...]]:
-    """Remove the courses if there are several, and return them; else an empty list."""
+    """Remove and return the courses if there are several; else return []."""
     courses = content.get("course")
     if not isinstance(courses, Sequence) or not all(
         isinstance(course, Sequence) and not isinstance(course, str)
@@ -197,7 +197,7 @@ def read_request(file: Path | None, options: Mapping[str, object]) -> RunRequest
 
 
 def _check_for_ros(execution: ExecutionConfig, where: str) -> ExecutionConfig:
-    """Return the execution of trials over ROS, with one worker on a domain of the user.
+    """Return the execution for mode ros: one worker if the user set a ROS domain.
 
     Raises:
         ConfigError: If the engine is not local, or if there are several workers on one
@@ -213,7 +213,7 @@ def _check_for_ros(execution: ExecutionConfig, where: str) -> ExecutionConfig:
     if execution.workers > 1:
         raise ConfigError(
             f"{where}workers: must be 1 with ROS_DOMAIN_ID {domain}, got"
-            f" {execution.workers}: use --workers 1, or leave ROS_DOMAIN_ID unset"
+            f" {execution.workers}; use --workers 1, or leave ROS_DOMAIN_ID unset"
         )
     return replace(execution, workers=1)
 
@@ -269,7 +269,7 @@ def _read_config(content: dict[str, Any], where: str) -> RunConfig:
     simulator = _pop_mapping(content, "simulator", where)
     ros = _pop_mapping(content, "ros", where)
     if "bags" in ros:
-        raise ConfigError(f"{where}ros.bags is given by bags (--bags)")
+        raise ConfigError(f"{where}ros.bags is set by bags (--bags)")
 
     commands = read_texts(
         content.pop("planner_command", None), "planner_command", where
@@ -308,7 +308,7 @@ def _join_remaps(ros: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _reuse_commands(entries: list[Any], file_planners: object, where: str) -> list[Any]:
-    """Return planners, with those that the file starts by command in place of names."""
+    """Return planners; names of those that the file starts by command become these."""
     if not isinstance(file_planners, list):
         return entries
     commands: dict[object, object] = {}

@@ -23,7 +23,7 @@ from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.robots.files import name_unless_standard
 
 _MAX_UNSCORED_NAMES = 5
-# Of the limit; a trial that needs more, however it is driven, has hardly time.
+# Share of the limit; a trial that needs at least this has hardly enough time.
 _TIGHT_SHARE = 0.9
 
 MakeWork = Callable[[RunRequest, BagStore], Work]
@@ -82,7 +82,7 @@ def open_run(
         reporter.notify(task_line(first.protocol.name, first.task, robot))
         if folder.completed:
             reporter.notify(
-                f"{len(folder.completed)} of {folder.total} trials are there already"
+                f"{len(folder.completed)} of {folder.total} trials are already there"
             )
         yield Run(request, folder, reporter, work, pool)
 
@@ -157,7 +157,7 @@ class Run:
         """Run missing trials in some worlds and return all results there.
 
         Raises:
-            BarnError: If a trial failed by no fault of its planner.
+            BarnError: If a trial failed through no fault of its planner.
         """
         numbers = set(worlds)
         results = [row for row in self.drive(numbers) if row.world in numbers]
@@ -165,7 +165,7 @@ class Run:
             # A decision between planners needs all of their trials.
             if not row.is_scored:
                 raise BarnError(
-                    f"{row.trial_id} failed by no fault of the planner; the same"
+                    f"{row.trial_id} failed through no fault of the planner; the same"
                     " command runs it again"
                 )
         return results
@@ -196,7 +196,7 @@ def make_shared_pool(execution: ExecutionConfig) -> WorkerPool:
 
 
 def check_limits(trials: Sequence[TrialSpec]) -> str:
-    """Return a warning of trials with hardly enough time, empty if there are none.
+    """Return a warning about trials with hardly enough time; empty if there are none.
 
     Args:
         trials: Trials of a run.
@@ -232,7 +232,7 @@ def _require_time(spec: TrialSpec) -> float:
     if least_s > protocol.limit_s and not is_first_look:
         raise ConfigError(
             f"{spec.planner} in {spec.world.name} needs at least {least_s:.1f} s at"
-            f" {speed_mps:g} m/s, above limit_s = {protocol.limit_s:g} s; give a longer"
+            f" {speed_mps:g} m/s, above limit_s = {protocol.limit_s:g} s; set a longer"
             f" one in a protocol file with base: {spec.protocol.name}"
         )
     return least_s
@@ -248,7 +248,7 @@ def describe_unscored(results: Rows) -> str:
         for row in unscored[:_MAX_UNSCORED_NAMES]
     ]
     line = (
-        f"{len(unscored)} of {len(results)} trials failed by no fault of the planner"
+        f"{len(unscored)} of {len(results)} trials failed through no fault of the planner"
         " and are not scored; the same command runs them again:"
         f" {', '.join(trials)}"
     )
@@ -261,7 +261,7 @@ def describe_unscored(results: Rows) -> str:
 def _stop_on_signals() -> Iterator[None]:
     """Let SIGTERM, SIGHUP and SIGQUIT raise KeyboardInterrupt during the context.
 
-    Batch systems and closing terminals send these. Those that are ignored stay ignored.
+    Batch systems and closing terminals send them. Ignored signals stay ignored.
     """
     with ExitStack() as handlers:
         for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):

@@ -55,9 +55,9 @@ def run_trials(
     work: Work,
     mode: str = "direct",
 ) -> Generator[Event, None, None]:
-    """Run trials on a pool, lost ones again, and write and yield their results.
+    """Run trials on a pool, retry lost ones, and write and yield their results.
 
-    All of `trials` run, so that the caller leaves out those with a result.
+    All of `trials` run, so the caller leaves out those with a result.
 
     A trial that is lost at every attempt gets a result as well, by its last attempt:
     environment_failed if the machine stood still, planner_stalled if it exceeded its
@@ -90,9 +90,9 @@ def run_trials(
             for report in pool.wait(_WAIT_S):
                 yield from loop.take(report)
     except BaseException as error:
-        # A planner may break a run off to have a trial again.
+        # A planner may interrupt a run to have a trial repeated.
         for job in loop.running.values():
-            reason = f"the run was broken off: {type(error).__name__}"
+            reason = f"the run was interrupted: {type(error).__name__}"
             with suppress(StoreError):
                 folder.write_note(LOSSES, job.trials[0].trial_id, reason)
         raise
@@ -139,8 +139,8 @@ class _Loop:
     def _retry(self, job: Job, loss: JobLoss) -> Iterator[Event]:
         """Write a note of a loss and put the job back, in front of those that wait.
 
-        It goes on at its first trial without a result. After the last attempt, that
-        trial is given up.
+        The job continues with its first trial without a result. After the last attempt,
+        that trial is given up.
         """
         # Trials of the job that have a result are no longer in it.
         spec = job.trials[0]
@@ -155,7 +155,7 @@ class _Loop:
         # not with single trials.
         if self.losses_in_a_row >= self.execution.losses:
             raise RunError(
-                f"{self.losses_in_a_row} attempts in a row were lost, the last one:"
+                f"{self.losses_in_a_row} attempts in a row were lost; last reason:"
                 f" {loss.reason}"
             )
         if attempt >= self.execution.attempts:

@@ -27,13 +27,13 @@ from barn_worlds.base.types import (
 UNKNOWN_PLANNER = "unknown"
 
 _FARTHEST_START_M = 1.0  # from the world's start, in the world's frame
-_FARTHEST_GOAL_M = 0.1  # from the world's goal, before it is said
+_FARTHEST_GOAL_M = 0.1  # from the world's goal, before a remark says so
 # Scans of fewer degrees see too little of what is near the robot.
 _NARROWEST_SCAN_RAD = math.pi
-_GAP_PERIODS = 3.0  # without a pose, before it is said
-_TWIST_TOLERANCE = 0.1  # of positions against the twist, before it is said
-_CLOCK_TOLERANCE = 0.1  # of stamps against the log, before it is said
-_SHORTEST_M = 0.5  # of a drive for which they are compared
+_GAP_PERIODS = 3.0  # without a pose, before a remark says so
+_TWIST_TOLERANCE = 0.1  # of positions against the twist, before a remark says so
+_CLOCK_TOLERANCE = 0.1  # of stamps against the log, before a remark says so
+_SHORTEST_M = 0.5  # of a drive whose positions and twists are compared
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,7 @@ class Segment:
 
     drive: ObservedDrive
     first: int  # index of its first pose
-    end: int  # index behind its last pose
+    end: int  # index after its last pose
     goal: Pose2D | None  # in the frame of the poses
     # World, planner and repetition as a bag of the suite, or its name, has them.
     dataset: str = ""
@@ -52,7 +52,7 @@ class Segment:
 
     @property
     def is_known(self) -> bool:
-        """Whether more is known of its world than start and goal."""
+        """Whether more is known about its world than start and goal."""
         return self.dataset != WORLDS
 
     @property
@@ -75,8 +75,8 @@ def judge_segment(
     Args:
         segment: The segment.
         spec: The trial that it is.
-        operator_contacts_s: When contacts were, from the start, if an operator says so
-            in place of the bag.
+        operator_contacts_s: Times of contacts from the start, if an operator and not
+            the bag reports them.
 
     Raises:
         BagError: The poses are not those of the world.
@@ -120,7 +120,7 @@ def judge_segment(
 
 
 def _place_poses(segment: Segment, spec: TrialSpec) -> tuple[Pose2D, list[str]]:
-    """Return the frame of a segment's poses in the world's, and what is doubtful.
+    """Return the frame of a segment's poses in the world's, and remarks on doubts.
 
     Raises:
         BagError: The poses are not those of the world.
@@ -215,7 +215,7 @@ def _take_readings(segment: Segment, origin: Pose2D) -> tuple[dict[int, Odometry
 def _list_doubts(
     segment: Segment, spec: TrialSpec, by_index: Mapping[int, Odometry], back_ns: int
 ) -> tuple[list[str], float | None]:
-    """Return sentences on what is doubtful in the times, and how far these may be off.
+    """Return remarks on doubtful times, and how far in s times may be off.
 
     Args:
         segment: The segment.
@@ -241,12 +241,12 @@ def _list_doubts(
     logged_s = seconds(int(np.ptp(segment.drive.log_times_ns[list(by_index)])))
     stamped_s = float(periods_s.sum())
     error_s = abs(logged_s - stamped_s)
-    # The clock of a simulator may be slower than that of the log.
+    # A simulator's clock may be slower than the log's.
     if spec.system.kind == "robot" and error_s > max(
         gap_s, _CLOCK_TOLERANCE * logged_s
     ):
         doubts.append(
-            f"stamps of poses last {stamped_s:.2f} s, the log {logged_s:.2f} s"
+            f"stamps of poses span {stamped_s:.2f} s, the log {logged_s:.2f} s"
         )
         uncertainty_s += error_s
 
@@ -256,8 +256,8 @@ def _list_doubts(
     twist_m = float(np.abs(speeds[1:]) @ periods_s)
     if driven_m > _SHORTEST_M and abs(twist_m - driven_m) > _TWIST_TOLERANCE * driven_m:
         doubts.append(
-            f"positions move {driven_m:.2f} m where the twist says {twist_m:.2f} m:"
-            " stamps may not be those of the robot"
+            f"positions move {driven_m:.2f} m, but the twist says {twist_m:.2f} m:"
+            " stamps may not be the robot's"
         )
         uncertainty_s += stamped_s * abs(twist_m / driven_m - 1.0)
     return doubts, uncertainty_s
@@ -273,7 +273,7 @@ def _find_contacts(
     Args:
         segment: The segment.
         readings: Its readings by index.
-        operator_contacts_s: When contacts were, from the start; None takes the bag's.
+        operator_contacts_s: Times of contacts from the start; None takes the bag's.
     """
     drive = segment.drive
     indices = np.array(list(readings), np.int64)

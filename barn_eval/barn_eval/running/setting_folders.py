@@ -26,7 +26,7 @@ def parse_folder_name(folder: Path) -> dict[str, float | str]:
     values: dict[str, float | str] = {}
     for part in folder.name.split(","):
         match = _VALUE.fullmatch(part)
-        # One part that is no value makes the folder one of something else.
+        # A part that is not a value shows that the folder is something else.
         if match is None:
             return {}
         values[match[1]] = _parse_value(match[2])
@@ -44,7 +44,7 @@ def _parse_value(text: str) -> float | str:
 def find_setting_folders(folder: Path) -> list[Path]:
     """Return the folders of settings in the folder of a sweep, sorted by values.
 
-    A folder that is a run itself, or no folder, has none.
+    The list is empty for a run's own folder, or a path that is not a folder.
     """
     if (folder / RUN_FILE).exists() or not folder.is_dir():
         return []

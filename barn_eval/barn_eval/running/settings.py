@@ -134,7 +134,7 @@ def read_parameters(command: str, keys: Sequence[str]) -> dict[str, Any]:
 
 
 def _read_parameter_files(words: Sequence[str]) -> list[ParameterFile]:
-    """Read the YAML file behind each --params-file among a command's words."""
+    """Return the parsed YAML file after each --params-file in a command's words."""
     files = []
     for place, word in enumerate(words[1:], 1):
         if words[place - 1] != "--params-file":
@@ -267,7 +267,7 @@ def grid(base: RunRequest, sweep: Sweep) -> list[Setting]:
     planners = base.config.planners
     if len(planners) != 1:
         names = ", ".join(planner.name for planner in planners)
-        raise ConfigError(f"a sweep is of one planner, got {names}")
+        raise ConfigError(f"a sweep takes one planner, got {names}")
 
     short_names = _short_names(list(sweep))
     settings = []
@@ -291,7 +291,7 @@ def grid(base: RunRequest, sweep: Sweep) -> list[Setting]:
 def read_sweep(file: Path | None, texts: Sequence[str]) -> Sweep:
     """Return values by parameter from command-line texts, else from a YAML file.
 
-    It is empty if neither has any.
+    The result is empty if neither has any.
 
     Args:
         file: YAML file that may have a key `sweep`.
@@ -382,7 +382,7 @@ def _delays_s(values: Sequence[Any]) -> list[float]:
 
 
 def _require_values(sweep: Sweep) -> None:
-    """Raise ConfigError for values that are no list, or for too many settings."""
+    """Raise ConfigError for values of a wrong type, or for too many settings."""
     for key, values in sweep.items():
         if not isinstance(values, Sequence) or isinstance(values, str) or not values:
             raise ConfigError(
@@ -395,11 +395,11 @@ def _require_values(sweep: Sweep) -> None:
                     f"sweep of {format_value(key)}: a value must be a number, a text,"
                     f" true or false, got {value!r}"
                 )
-    # Before any setting is made: a typing error may ask for millions.
+    # Before any setting is made, since a typo may ask for millions.
     count = math.prod(len(values) for values in sweep.values())
     if count > MAX_SETTINGS:
         raise ConfigError(
-            f"a sweep may have {MAX_SETTINGS} settings, these are {count}"
+            f"a sweep may have at most {MAX_SETTINGS} settings, got {count}"
         )
 
 

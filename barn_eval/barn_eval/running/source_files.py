@@ -15,7 +15,7 @@ from typing import Any
 from barn_worlds.base.errors import ConfigError
 
 LAUNCHES = "def generate_launch_description("
-"""What a launch file has, and other scripts have not."""
+"""What a launch file has and other scripts do not."""
 
 _SHARES = frozenset(["get_package_share_directory", "FindPackageShare", "find"])
 _JOINS = frozenset(["join", "PathJoinSubstitution"])
@@ -40,7 +40,7 @@ class SourceFile:
     defaults: dict[str, ast.expr | None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Parse the file; ConfigError if it is no Python."""
+        """Parse the file; ConfigError if it is not Python."""
         try:
             self.tree = ast.parse(self.path.read_bytes())
         except (OSError, SyntaxError, ValueError) as error:
@@ -55,10 +55,10 @@ class SourceFile:
                     self.defaults[name] = _keyword(item, "default_value")
 
     def entries(self, key: str) -> Iterator[str]:
-        """Yield the texts of lists that dictionaries of the file have under a key.
+        """Yield the texts in the lists that dictionaries in the file hold under a key.
 
         Raises:
-            ConfigError: If only their execution tells.
+            ConfigError: If only executing the file would tell.
         """
         for item in ast.walk(self.tree):
             if isinstance(item, ast.Dict):
@@ -70,7 +70,7 @@ class SourceFile:
         """Return the nodes of the packages at hand that a launch file starts.
 
         Raises:
-            ConfigError: If only its execution tells what they get.
+            ConfigError: If only executing the file would tell what they get.
         """
         names = [item for item in ast.walk(self.tree) if isinstance(item, ast.Name)]
         loads = {item.id for item in names if isinstance(item.ctx, ast.Load)}
@@ -86,7 +86,7 @@ class SourceFile:
         return nodes
 
     def _nodes(self, call: ast.Call) -> Iterator[LaunchedNode]:
-        """Yield the nodes that a call starts: its own, or those of a file included."""
+        """Yield the nodes that a call starts: its own, or those of an included file."""
         match _function(call):
             case "Node":
                 package = self._get(call, "package")
@@ -120,7 +120,7 @@ class SourceFile:
         yield "--"
 
     def _get(self, call: ast.Call, keyword: str, default: Any = ()) -> Any:
-        """Return what a call has under a keyword."""
+        """Return the value of a call's keyword argument, `default` without one."""
         value = _keyword(call, keyword)
         return default if value is None else self._read(value)
 
@@ -140,10 +140,10 @@ class SourceFile:
         return json.dumps(content)
 
     def _read(self, value: ast.expr | None) -> Any:
-        """Return what an expression stands for.
+        """Return the value that an expression stands for.
 
         Raises:
-            ConfigError: If only its execution tells.
+            ConfigError: If only executing the file would tell.
         """
         match value:
             case ast.Constant(constant):
@@ -160,7 +160,7 @@ class SourceFile:
         return self._read_joined(value)
 
     def _read_joined(self, value: ast.expr | None) -> str:
-        """Return the text that an f-string or a sum is; ConfigError as `_read`."""
+        """Return the text of an f-string or a sum; ConfigError as `_read`."""
         match value:
             case ast.JoinedStr(items):
                 return "".join(map(self._text, items))
@@ -172,8 +172,8 @@ class SourceFile:
         text = ast.unparse(value) if value else "**"
         raise ConfigError(
             f"{self.path}, line {line}: cannot read {text} without executing it; name"
-            " what to start: DIR:EXECUTABLE or DIR:MODULE:FUNCTION, its parameters"
-            " behind --ros-args"
+            " what to start, DIR:EXECUTABLE or DIR:MODULE:FUNCTION, with its parameters"
+            " after --ros-args"
         )
 
     def _read_call(self, call: ast.Call) -> Any:
@@ -201,7 +201,7 @@ class SourceFile:
 
 
 def _function(call: ast.Call) -> str:
-    """Return the last part of the name of what is called."""
+    """Return the last part of a called function's dotted name."""
     return ast.unparse(call.func).rpartition(".")[2]
 
 

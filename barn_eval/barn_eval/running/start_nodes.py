@@ -15,7 +15,7 @@ import sys
 
 
 def main(commands: list[list[str]], arguments: list[str]) -> int:
-    """Start commands and wait for their end; return the first exit code that is not 0."""
+    """Run commands until all end or one fails; end the rest; return its exit code."""
     # Whoever ends this process signals the nodes as well.
     signal.signal(signal.SIGINT, lambda *_: None)
     nodes = [

@@ -1,4 +1,4 @@
-"""Whom a robot met among moving obstacles: distances, times, and the first hit."""
+"""Encounters of a robot with moving obstacles: distances, times, the first hit."""
 
 import math
 from dataclasses import dataclass
@@ -25,36 +25,36 @@ INNOCENT_SHARE = 0.1
 class Encounters:
     """Figures of a trial among moving obstacles; None where they do not apply.
 
-    Those over the straight run, from the start to what counts as arrival, are of a
-    success. Those of a hit are of the last reading before the first contact.
+    Ratios to the straight run, from the start to arrival, exist only for a success.
+    Values of a hit are from the last reading before the first contact.
     """
 
     phase_s: float  # time into their motions at the start
     # Smallest distance from the robot's outline, 0 in contact.
     moving_clearance_m: float | None
-    # The shortest at any reading, if all kept their velocities and the robot its
-    # heading; of a box, that to the disc around it.
+    # The shortest at any reading, if all obstacles kept their velocities and the robot
+    # its heading. A box counts as the disc around it.
     time_to_collision_s: float | None
     near_s: float  # within `NEAR_M` of one
-    path_over_straight: float | None  # driven length by that of the run
-    # Time on the clock by that of the run at the protocol's reference speed.
+    path_over_straight: float | None  # driven length over that of the run
+    # Time on the clock over that of the run at the protocol's reference speed.
     time_over_straight: float | None
     touched: str = ""  # name of the moving obstacle of the first contact
     hit_robot_mps: float | None = None  # the robot's speed
     hit_closing_mps: float | None = None  # at which the two approached each other
-    # Of the robot in that: 1 against one at rest, 0 if it was run over.
+    # The robot's share in that: 1 against an obstacle at rest, 0 if it was run over.
     hit_robot_share: float | None = None
 
     @property
     def hit_at_rest(self) -> bool:
-        """Whether a moving obstacle touched the robot while that was at rest."""
+        """Whether a moving obstacle touched the robot while the robot was at rest."""
         return self.hit_robot_mps is not None and self.hit_robot_mps < AT_REST_MPS
 
     @property
     def not_at_fault(self) -> bool:
-        """Whether a moving obstacle touched the robot by no fault of the robot's.
+        """Whether a moving obstacle touched the robot through no fault of the robot.
 
-        It was at rest, or had less than a tenth of the closing speed. False also
+        The robot was at rest or had less than a tenth of the closing speed. False
         without a contact.
         """
         share = self.hit_robot_share
@@ -174,7 +174,7 @@ def _first_hit(
     robot_mps = float(robot_velocity @ line) / length
     obstacle_mps = float(-velocities[obstacle] @ line) / length
 
-    # Who moves away has no share in the collision.
+    # Whoever moves away has no share in the collision.
     approach_mps = max(robot_mps, 0.0) + max(obstacle_mps, 0.0)
     robot_share = None
     if approach_mps > 0.0:
@@ -188,9 +188,10 @@ def _first_hit(
 
 
 def _standing_gap(poses: Floats, world: World, outline: Footprint) -> float:
-    """Return the least distance in m of all `poses` to cylinders and walls, at least 0.
+    """Return the least distance in m, 0 at least, from poses to cylinders and walls.
 
-    Infinite without any of them. Poses (n, 3) are x, y m, yaw rad in the map frame.
+    Infinite without cylinders and walls. Poses (n, 3) are x, y m, yaw rad in the map
+    frame.
     """
     cylinder_gaps = compute_clearances(
         poses, world.cylinders_m, world.cylinder_radius_m, outline

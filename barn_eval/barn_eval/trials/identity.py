@@ -18,26 +18,26 @@ from barn_worlds.robots.files import ROBOTS, STANDARD_ROBOT
 from barn_worlds.robots.robot import Chassis
 
 # Versions of code that decides results beside any configuration, by the key that each
-# has in a task. A version rises whenever its code comes to give other results.
+# has in a task. A version rises whenever its code gives different results.
 CODE_VERSIONS: Mapping[str, int] = {"physics": PHYSICS_VERSION}
 
 # Stands for a value that plain data do not have.
 NOT_SET = "not set"
 
-# What a robot of a user's is called in a fingerprint: its content decides, not its name.
+# Name of a user's robot in a fingerprint, where the content decides, not the name.
 _OWN_ROBOT = "own"
 
 
 @cache
 def robot_sha256(chassis: Chassis) -> str:
-    """Return the SHA-256, in hex, of the URDF of a robot's body, by its own name."""
+    """Return the SHA-256, in hex, of a robot's URDF, without the name of a user's robot."""
     if chassis.name not in ROBOTS:
         chassis = replace(chassis, name=_OWN_ROBOT)
     return named_robot_sha256(chassis)
 
 
 def named_robot_sha256(chassis: Chassis) -> str:
-    """Return the SHA-256, in hex, of the URDF text of a robot's body."""
+    """Return the SHA-256, in hex, of a robot's URDF, its name included."""
     return hashlib.sha256(description_text(chassis).encode()).hexdigest()
 
 
@@ -60,13 +60,13 @@ def task_content(
 def plain_task(
     config: Mapping[str, Any], robot: str, code_versions: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return what a task fingerprint hashes, of a configuration as run.json has it.
+    """Return what a task fingerprint hashes, from a configuration as in run.json.
 
     Nothing is checked.
 
     Args:
         config: Configuration with protocol and simulator, and the system if it is not
-            the suite's; what else it has does not decide the task.
+            the suite's; other keys do not matter.
         robot: SHA-256 of the robot's description.
         code_versions: `CODE_VERSIONS` of the suite that drove the trials.
     """
@@ -82,7 +82,7 @@ def plain_task(
 
 
 def without_own_name(simulator: Any) -> Any:
-    """Return a simulator's plain data with the name of a robot of a user's replaced."""
+    """Return a simulator's plain data, with the name of a user's own robot replaced."""
     chassis = as_mapping(as_mapping(simulator).get("chassis"))
     if str(chassis.get("name", STANDARD_ROBOT.name)) in ROBOTS:
         return simulator

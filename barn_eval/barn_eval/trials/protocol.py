@@ -52,7 +52,7 @@ class PoseRule(Checked):
     used.
     """
 
-    anchor_x: str = quantity("map", "what x is counted from", choices=ANCHORS)
+    anchor_x: str = quantity("map", "point from which x is counted", choices=ANCHORS)
     x_m: float = quantity(0.0, "x from its anchor", "m", -1000.0, 1000.0)
     x_min_m: float = quantity(
         -1000.0, "lowest x in the map frame", "m", -1000.0, 1000.0
@@ -60,7 +60,7 @@ class PoseRule(Checked):
     x_max_m: float = quantity(
         1000.0, "highest x in the map frame", "m", -1000.0, 1000.0
     )
-    anchor_y: str = quantity("map", "what y is counted from", choices=ANCHORS)
+    anchor_y: str = quantity("map", "point from which y is counted", choices=ANCHORS)
     y_m: float = quantity(0.0, "y from its anchor", "m", -1000.0, 1000.0)
     yaw_rad: float = quantity(
         math.pi / 2.0, "heading in the map frame", "rad", -math.pi, math.pi
@@ -149,22 +149,22 @@ class Protocol(Checked):
     goal: PoseRule = field(default_factory=PoseRule)
     clock_start_distance_m: float = quantity(
         math.sqrt(0.1),
-        "motion that starts the clock; 0: it starts with the goal",
+        "distance from the start that starts the clock; 0: the clock starts with the goal",
         "m",
         0.0,
         100.0,
     )
     clock_start_source: str = quantity(
-        "odometry", "pose that this motion is measured by", choices=SOURCES
+        "odometry", "source of the pose for clock_start_distance_m", choices=SOURCES
     )
     goal_distance_m: float = quantity(
         math.sqrt(0.1), "distance to the goal that ends a trial", "m", 0.01, 100.0
     )
     goal_source: str = quantity(
-        "odometry", "pose that this distance is measured from", choices=SOURCES
+        "odometry", "source of the pose for goal_distance_m", choices=SOURCES
     )
     limit_s: float = quantity(
-        50.0, "longest time on the clock, simulated", "s", 0.1, 100_000.0
+        50.0, "longest simulated time on the clock", "s", 0.1, 100_000.0
     )
     first_motion_limit_s: float = quantity(
         30.0, "longest simulated time until the clock starts", "s", 0.1, 100_000.0
@@ -174,48 +174,48 @@ class Protocol(Checked):
         "paper2020", "preset of the simulator that the trial starts from"
     )
     planner_preset: str = quantity(
-        "paper2020", "preset of a planner that a run takes unless told otherwise"
+        "paper2020", "preset of planners unless a run names another"
     )
     movable_obstacles: bool = quantity(True, "obstacles can be pushed")
-    map_given: bool = quantity(True, "the planner gets a map and a pose in it")
+    map_given: bool = quantity(True, "the planner gets a map and its pose in the map")
     historical_map: bool = quantity(
         False,
-        "the map has its obstacles one cell nearer, as the maps of the original data"
-        " set have; so has then the pose, which comes from matching scans to that map",
+        "the map's obstacles are one cell nearer, as in the original data set; the pose,"
+        " which comes from matching scans to that map, is shifted as well",
     )
     goal_period_s: float = quantity(
-        0.1, "time between goals sent, 0 for once", "s", 0.0, 1000.0
+        0.1, "time between two sendings of the goal; 0: sent once", "s", 0.0, 1000.0
     )
     control_period_s: float = quantity(
         0.05, "time between commands in lockstep", "s", 0.001, 10.0
     )
     failure_time_s: float = quantity(
-        30.0, "time that a failed trial counts with", "s", minimum=0.0
+        30.0, "time that counts for a failed trial", "s", minimum=0.0
     )
     timeout_time_s: float = quantity(
-        30.0, "time that a trial cut off at the limit counts with", "s", minimum=0.0
+        30.0, "time that counts for a trial that reaches the limit", "s", minimum=0.0
     )
     reference_speed_mps: float = quantity(
-        2.0, "speed of the optimal time", "m/s", 0.01, 100.0
+        2.0, "speed that defines the optimal time", "m/s", 0.01, 100.0
     )
     metric: str = quantity(
         "normalised_time_s_per_m",
-        "measure that planners are ranked by",
+        "measure that ranks planners",
         choices=METRICS,
     )
     clipped: bool = optional(
-        True, "the time in the challenge metric is clipped to 2 T to 8 T"
+        True, "the challenge metric clips the time to 2 to 8 times the optimal time"
     )
     look_period_s: float = optional(
         0.0,
         "simulated time between two looks at the robot, by which a trial is judged; 0:"
-        " each reading",
+        " every reading counts",
         "s",
         0.0,
         10.0,
     )
     arena: bool = optional(
-        False, "made for arenas, worlds without the containment of BARN"
+        False, "the protocol is for arenas, worlds without the containment of BARN"
     )
     edge_m: float = optional(
         _UNLIMITED_M,
@@ -226,22 +226,22 @@ class Protocol(Checked):
     )
     own_limit: float = optional(
         3.0,
-        "on a course of a world's own, the limit is at least so many times the time for"
-        " its path at a quarter of the reference speed, or at the robot's if that is"
-        " lower; 0: limit_s",
+        "on a world's own course, the limit is at least this many times the time that"
+        " its path takes at a quarter of the reference speed, or at the robot's top speed"
+        " if that is lower; 0: the limit is limit_s",
         "",
         0.0,
         1000.0,
     )
     random_phase: bool = optional(
         True,
-        "moving obstacles begin at a time of their motions drawn from the trial's seed,"
-        " not at 0",
+        "moving obstacles begin at a time in their motions that is drawn from the trial's"
+        " seed, not at 0",
     )
     clear_start_s: float = optional(
         0.0,
-        "time for which moving obstacles leave a robot alone that stays at its start;"
-        " other times of their motions are not drawn",
+        "time for which moving obstacles stay clear of a robot that waits at its start;"
+        " other times in their motions are not drawn",
         "s",
         0.0,
         1000.0,
@@ -263,7 +263,7 @@ class Protocol(Checked):
 
     @property
     def longest_failure_time_s(self) -> float:
-        """The most seconds that a failure counts with."""
+        """The most seconds that count for a failure."""
         return max(self.failure_time_s, self.timeout_time_s)
 
     def course(self, world: World) -> Course:
@@ -272,30 +272,30 @@ class Protocol(Checked):
         For a robot of another size, call it on the protocol that `scaled_to` returns.
 
         Raises:
-            ConfigError: The world has no path, or is none for the protocol.
+            ConfigError: The world has no path, or does not fit the protocol.
         """
         where = f"world {world.name}: "
         if world.start is not None and world.goal is not None:
             if self.historical_map:
                 raise ConfigError(
-                    f"{where}has start and goal of its own; protocol {self.name} is for"
-                    " those of its rules"
+                    f"{where}has a start and goal of its own, but protocol {self.name}"
+                    " sets both by its rules"
                 )
             distance_m = world.start.distance(world.goal)
             if distance_m <= self.goal_distance_m:
                 raise ConfigError(
-                    f"{where}start and goal are {distance_m:.2f} m apart, which is"
+                    f"{where}start and goal are {distance_m:.2f} m apart, which counts as"
                     f" arrival under protocol {self.name}"
                 )
             return self._measure_course(world, world.start, world.path_m(), world.goal)
 
         is_arena = world.corner_m is not None
         if self.arena != is_arena:
-            kind = "is an arena" if is_arena else "is no arena"
+            kind = "is an arena" if is_arena else "is not an arena"
             protocol = DYNABARN if is_arena else CHALLENGE
             raise ConfigError(
-                f"{where}{kind}; protocol {self.name} is not made for it,"
-                f" {protocol.name} is"
+                f"{where}{kind}, so protocol {self.name} does not fit it; use"
+                f" {protocol.name}"
             )
         path = world.path_m(historical=True)
         if len(path) < 2:
@@ -331,7 +331,7 @@ class Protocol(Checked):
         )
 
     def _bounds_m(self, world: World) -> tuple[float, float, float, float]:
-        """Return the world's bounds, wider by the edge on each side."""
+        """Return x_min, y_min, x_max, y_max of the world in m, `edge_m` wider on each side."""
         left, bottom, right, top = world.bounds_m
         edge_m = self.edge_m
         return left - edge_m, bottom - edge_m, right + edge_m, top + edge_m
@@ -339,7 +339,7 @@ class Protocol(Checked):
     def scaled_to(self, world: World, chassis: Chassis) -> "Protocol":
         """Return the protocol with lengths and reference speed scaled to world cells.
 
-        So another robot sees the same course in its own size. Offsets of start and
+        Another robot then sees the same course in its own size. Offsets of start and
         goal, the distances that start the clock and end the trial, and the reference
         speed scale; times stay. The protocol itself is returned for the standard robot,
         for arenas and for worlds of standard cells. On courses of a world's own, only
@@ -386,13 +386,13 @@ class Protocol(Checked):
         )
 
     def extend_to(self, world: World, max_speed_mps: float) -> "Protocol":
-        """Return the protocol with a limit that the world's own course can be driven in.
+        """Return the protocol with a limit long enough for the world's own course.
 
-        Times that failures count with rise with it. The protocol itself is returned for
+        Times that count for failures rise with it. The protocol itself is returned for
         worlds without a course of their own, and where its limit is long enough.
 
         Args:
-            world: Its path is measured.
+            world: World whose path is measured.
             max_speed_mps: Highest speed of the robot.
         """
         if world.start is None or self.limit_is_chosen:
@@ -411,13 +411,13 @@ class Protocol(Checked):
 
     @property
     def limit_is_chosen(self) -> bool:
-        """Whether somebody chose the limit: no built-in protocol has it."""
+        """Whether somebody chose the limit, since no built-in protocol has it."""
         built_in = {protocol.limit_s for protocol in PROTOCOLS.values()}
         return self.own_limit == 0.0 or self.limit_s not in built_in
 
     @property
     def slow_speed_mps(self) -> float:
-        """Speed at which a robot gets half of the best challenge metric."""
+        """Speed in m/s at which a robot gets half of the best challenge metric."""
         return self.reference_speed_mps / 4.0
 
     def ranking_metric(self, world: World, max_speed_mps: float) -> str:
@@ -439,7 +439,7 @@ class Protocol(Checked):
     def map_offset_m(self) -> float:
         """Return by how many m the planner's map is shifted along y: -0.15 or 0.
 
-        That is from where obstacles truly stand, by one standard cell in the historical
+        The shift is from where obstacles truly stand: one standard cell in the historical
         map.
         """
         return -STANDARD_CELL_M if self.map_given and self.historical_map else 0.0
@@ -496,7 +496,7 @@ def check_protocol_name(protocol: Protocol, where: str = "") -> None:
         if getattr(built_in, item.name) != getattr(protocol, item.name):
             raise ConfigError(
                 f"{where}name: {protocol.name!r} is built in with another {item.name};"
-                " give this one its own name"
+                " give this one a name of its own"
             )
 
 

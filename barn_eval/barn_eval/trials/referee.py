@@ -12,10 +12,10 @@ from barn_eval.trials.protocol import Course, Protocol
 from barn_eval.trials.result import Outcome, Verdict
 from barn_worlds.base.types import Pose2D, Velocity2D, seconds
 
-# Relative, of a command: it may have been a number of 32 bits.
+# Relative rounding error of a command, which may have been a 32-bit number.
 _ROUNDING = 1e-6
 
-# Row of the referee's own trial among its states.
+# Index of the referee's only trial among its states.
 _ONLY = np.arange(1)
 
 
@@ -82,7 +82,7 @@ class Referee:
     def move_to(self, states: rules.States) -> None:
         """Copy the trial's state into the array `states` (1,) and keep it there.
 
-        That is a row of the states of trials that are judged all at once.
+        `states` is a row of the states of trials that are judged all at once.
         """
         states[:] = self._states
         self._bind(states)
@@ -141,7 +141,7 @@ class Referee:
     def fail(self, outcome: Outcome, detail: str, culprit: str = "") -> Verdict:
         """End the trial with `outcome` unless it has a verdict; return the one it has.
 
-        It is for what no reading shows, such as a dead process.
+        This is for what no reading shows, such as a dead process.
 
         Args:
             outcome: How the trial ends, unless it has a verdict already.
@@ -158,30 +158,24 @@ class Referee:
         """Return outcome and detail text of a trial that a reading has ended."""
         state = self._state
         protocol = self._protocol
+        position = f"({state['x']:.2f}, {state['y']:.2f}) m"
         match state["code"]:
             case rules.SUCCESS:
                 return Outcome.SUCCESS, ""
             case rules.COLLISION:
-                detail = f"contact at ({state['x']:.2f}, {state['y']:.2f}) m"
-                return Outcome.COLLISION, detail
+                return Outcome.COLLISION, f"contact at {position}"
             case rules.LEFT_WORLD:
-                detail = (
-                    f"at ({state['x']:.2f}, {state['y']:.2f}) m, more than"
-                    f" {protocol.edge_m:g} m outside"
-                )
+                detail = f"at {position}, more than {protocol.edge_m:g} m outside"
                 return Outcome.LEFT_WORLD, detail
             case rules.TIMEOUT:
-                detail = (
-                    f"{state['left_m']:.2f} m from the goal after"
-                    f" {protocol.limit_s:g} s"
-                )
+                left_m = f"{state['left_m']:.2f}"
+                detail = f"{left_m} m from the goal after {protocol.limit_s:g} s"
                 return Outcome.TIMEOUT, detail
             case rules.NO_FIRST_MOTION:
-                detail = (
+                return Outcome.NO_FIRST_MOTION, (
                     f"moved less than {protocol.clock_start_distance_m:g} m in"
                     f" {protocol.first_motion_limit_s:g} s"
                 )
-                return Outcome.NO_FIRST_MOTION, detail
             case code:
                 return Outcome.SIMULATOR_DIED, self._explain_fault(code)
 

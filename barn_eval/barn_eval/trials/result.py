@@ -1,4 +1,4 @@
-"""The result of one trial: what was run, how it ended, what that is worth, its measures."""
+"""The result of one trial: what was run, how it ended, its scores and measures."""
 
 import base64
 import binascii
@@ -107,7 +107,7 @@ class Scores:
     scored_time_s: float  # of a success; of a failure, what the protocol counts
     duration_s: float
     path_length_m: float | None  # arc length of the world's path, None if unknown
-    normalised_time_s_per_m: float | None  # scored time by the path's length
+    normalised_time_s_per_m: float | None  # scored time over the path's length
     optimal_time_s: float | None
     # Metric with the clip of today, at most 0.5; unclipped under a protocol without
     # clip.
@@ -117,7 +117,7 @@ class Scores:
     # No time on the clock can be below it (`TrialSpec.least_time_s`); None: not
     # computed.
     least_time_s: float | None = None
-    # The least time by the traversal time of a success, 0 for any other outcome.
+    # The least time over the traversal time of a success; 0 for any other outcome.
     efficiency: float | None = None
 
 
@@ -240,13 +240,13 @@ class WallClock:
     planner_rate_hz: float | None = None
     rate_source: str = ""
 
-    # By which processor time becomes that of the reference computer
-    # (`barn_eval.running.direct.pace`); waiting is as long there.
+    # Factor from processor time here to that on the reference computer
+    # (`barn_eval.running.direct.pace`); waiting takes equally long on both.
     pace: float | None = None
 
-    # How fast a computer the score of a direct trial assumes that charges nothing or
-    # what is declared: the 95th percentile on the reference computer by the time that a
-    # cycle may take. `note` says the same in words, where the planner does not fit.
+    # Speed of the computer that the score of a direct trial assumes, if it charges
+    # nothing or what is declared: the 95th percentile on the reference computer over
+    # the time that a cycle may take. `note` says so if that computer is too slow.
     computer: float | None = None
     note: str = ""
 
@@ -274,7 +274,7 @@ class WallClock:
 
         Args:
             duration_s: Wall-clock time that the trial took.
-            real_time_factor: Simulated by wall-clock time, if that makes sense.
+            real_time_factor: Simulated over wall-clock time, if that makes sense.
             answer_times_s: What the planner took for each answer.
             **fields: Fields about the clock, the rate and commands that came late.
         """
@@ -293,7 +293,7 @@ class WallClock:
     ) -> "WallClock":
         """Return a copy with `pace`, and the computer that the score assumes.
 
-        The latter only in the modes FREE and DECLARED, of a planner that has answered.
+        The latter is set only in the modes FREE and DECLARED, after an answer.
 
         Args:
             pace: Reference seconds per second of this machine.
@@ -364,16 +364,16 @@ class TrialResult:
     fault: str = (
         ""  # who failed: planner, simulator or environment; empty after a success
     )
-    remarks: str = ""  # what else matters, such as who subscribed to the truth
+    remarks: str = ""  # anything else that matters, such as who subscribed to the truth
     # The highest speed that the robot took from the planner: what that declared, or
     # else the robot's own limit. None if unknown.
     speed_cap_mps: float | None = None
     compute: str = ""  # the compute mode
     # Delays that were measured, as `pack_delays` packs them.
     delays: str = field(default="", metadata=OPTIONAL)
-    # Of worlds in which obstacles move, whose rows alone have it.
+    # Only in rows of worlds in which obstacles move.
     motion: Encounters | None = field(default=None, metadata=OPTIONAL)
-    # Of trials that the suite observed and did not drive, whose rows alone have it.
+    # Only in rows of trials that the suite observed and did not drive.
     observed: ObservedTrial | None = field(default=None, metadata=OPTIONAL)
     wall_clock: WallClock = field(default_factory=WallClock)
     schema_version: int = SCHEMA_VERSION
@@ -421,7 +421,7 @@ def exit_code(results: Rows) -> int:
 
 
 def describe_computer(computer: float) -> str:
-    """Return text on a computer so many times the reference's speed, empty up to 1.
+    """Return text on a computer this many times as fast as the reference; empty up to 1.
 
     A remark in a row says so that its score assumes such a computer.
     """

@@ -40,25 +40,23 @@ class WaitLimits(Checked):
 
     start_s: float = _limit(
         180.0,
-        "in place of the next two before the first trial, when kernels may be compiled",
+        "replaces simulator_s and gate_s before the first trial, as kernels may compile",
     )
-    simulator_s: float = _limit(30.0, "until the simulator is there and reset")
-    gate_s: float = _limit(30.0, "until the planner is there and ready")
-    lifecycle_s: float = _limit(
-        60.0, "until all managed nodes that are waited for are active"
-    )
+    simulator_s: float = _limit(30.0, "until the simulator is running and reset")
+    gate_s: float = _limit(30.0, "until the planner is running and ready")
+    lifecycle_s: float = _limit(60.0, "until all nodes of lifecycle_nodes are active")
     mismatch_s: float = _limit(
-        2.0, "how long publishers of a wrong type are given to be replaced", 0.0
+        2.0, "time for publishers of a wrong type to be replaced", 0.0
     )
     settle_s: float = _limit(
         0.3,
-        "how long the graph must have been complete, for the others to see it as well",
+        "time for which the graph must stay complete, so that all nodes see it",
         0.0,
         60.0,
     )
     connection_s: float = _limit(
         3.0,
-        "for simulator and planner to be connected once they are on the graph",
+        "for simulator and planner to connect once they are on the graph",
         0.0,
         60.0,
     )
@@ -67,12 +65,12 @@ class WaitLimits(Checked):
     clock_s: float = _limit(15.0, "without a tick of /clock, during a trial")
     vanished_s: float = _limit(
         1.0,
-        "for which a planner may have no publisher on the graph, during a trial",
+        "for which the planner may lack a publisher on the graph, during a trial",
         0.0,
     )
     slowness: float = quantity(
         50.0,
-        "per simulated second over a minute in which the planner owes its answers",
+        "limit per simulated second, over a minute in which the planner owes answers",
         "s",
         1.0,
         1e6,
@@ -93,18 +91,18 @@ class PlannerLink(Checked):
     planner_node: str = quantity(
         "",
         "name of a node to wait for, whose ~/ready, ~/reset and seed are used if"
-        " offered; empty: the commands' sender",
+        " offered; empty: the node that sends commands",
     )
     goal_by: str = quantity(
         "topic", "how the planner gets its goal", choices=GOAL_METHODS
     )
     goal_action: str = quantity(
         "navigate_to_pose",
-        "name of the action that takes the goal, with goal_by action",
+        "name of the action that takes the goal if goal_by is action",
     )
     goal_action_type: str = quantity(
         "nav2_msgs/action/NavigateToPose",
-        "its type; the goal must have a field pose of type PoseStamped",
+        "type of goal_action, whose goal must have a field pose of type PoseStamped",
     )
     lifecycle_nodes: tuple[str, ...] = quantity(
         (),
@@ -117,22 +115,22 @@ class PlannerLink(Checked):
         choices=INPUTS,
     )
     map_frame: str = quantity(
-        "map", "frame of the map, and of the goal where the planner is given a map"
+        "map", "frame of the map, and of the goal if the planner is given a map"
     )
     odom_frame: str = quantity(
-        "odom", "frame of the odometry, and of the goal where it is not"
+        "odom", "frame of the odometry, and of the goal if the planner is given no map"
     )
     planner_rate_hz: float = quantity(
         0.0,
-        "rate at which the planner sends commands: lockstep waits for these alone; 0:"
-        " one for each scan, or as is found out",
+        "rate at which the planner sends commands, which are all that lockstep waits for;"
+        " 0: one per scan, or the rate that is found",
         "Hz",
         0.0,
         1000.0,
     )
     restart_planner: str = quantity(
         "on_fault",
-        "when a supervised planner is started afresh for the next trial",
+        "when a supervised planner is restarted for the next trial",
         choices=RESTARTS,
     )
     patience: WaitLimits = field(default_factory=WaitLimits)
@@ -143,20 +141,22 @@ class RosConfig(PlannerLink):
     """What a run over ROS needs to know beyond its trials."""
 
     lockstep: bool = quantity(True, "the simulator waits for a command after each scan")
-    command_wait_s: float = _limit(5.0, "how long it waits, in wall-clock time", 0.001)
+    command_wait_s: float = _limit(
+        5.0, "longest wait of the simulator for a command, in wall-clock time", 0.001
+    )
     real_time_factor: float = quantity(
         1.0,
-        "simulated by real time without lockstep, 0 for as fast as it can",
+        "simulated over real time without lockstep; 0: as fast as possible",
         "",
         0.0,
         1000.0,
     )
     namespace: str = quantity(
-        "", "namespace of simulator and evaluator, and of our planners; such as robot1"
+        "", "namespace of simulator, evaluator and the suite's planners, such as robot1"
     )
     remap: tuple[str, ...] = quantity(
         (),
-        "topics that go by another name in simulator and evaluator, as FROM:=TO, or"
+        "topics that have another name in simulator and evaluator, as FROM:=TO, or"
         " one by one as remap.FROM=TO",
     )
     base_frame: str = quantity("base_link", "frame of the robot")
@@ -166,7 +166,7 @@ class RosConfig(PlannerLink):
     )
     isolate: bool = quantity(
         True,
-        "the planner's processes see and signal only each other, where the kernel offers"
+        "the planner's processes see and signal only each other, if the kernel supports"
         " that",
     )
 
@@ -186,13 +186,13 @@ class RosConfig(PlannerLink):
 class EvaluatorConfig(PlannerLink):
     """Parameters of the evaluator; topics are renamed by remapping.
 
-    `barn` starts a supervised evaluator together with the other nodes. What it is to do
-    then comes from the file `assignment`, and the first group of parameters is ignored.
+    `barn` starts a supervised evaluator together with the other nodes. The file
+    `assignment` then says what to do, and the first group of parameters is ignored.
     """
 
     dataset: str = quantity("barn300", "data set: a name, folder or file")
     worlds: str = quantity(
-        "0", "which of its worlds, such as 0, 0-49 or 0:300:6", is_selection=True
+        "0", "worlds of the data set, such as 0, 0-49 or 0:300:6", is_selection=True
     )
     planner: str = quantity("planner", "name that the planner has in the results")
     protocol: str = quantity("challenge", "name of the protocol, or a YAML file")
@@ -201,11 +201,11 @@ class EvaluatorConfig(PlannerLink):
     repetitions: int = quantity(1, "trials per world", "", 1, 99)
     out: str = quantity(
         "barn_out",
-        "folder of the results; an equal run that was begun there is resumed",
+        "folder of the results; an equal run that it holds is resumed",
     )
     bags: str = quantity("all", "which trials keep a bag", choices=BAGS)
     simulator_node: str = quantity(
-        "simulator", "name of the simulator node; relative names are of this namespace"
+        "simulator", "name of the simulator node; a relative name is in this namespace"
     )
     system: str = quantity(
         "",
@@ -214,12 +214,12 @@ class EvaluatorConfig(PlannerLink):
     )
     publish_map: bool = quantity(
         True,
-        "publish the map, where the protocol gives one; a map server may do it instead",
+        "publish the map if the protocol gives one; a map server may do so instead",
     )
     bag_exclude: tuple[str, ...] = quantity(
         ("/parameter_events",), "topics that are not recorded"
     )
-    assignment: str = quantity("", "file of what to do, from the supervisor")
+    assignment: str = quantity("", "file that says what to do, from the supervisor")
     supervisor_fd: int = quantity(
         -1, "socket to the supervisor, -1 for none", "", -1, 1_000_000
     )

@@ -1,8 +1,8 @@
 """What a run is, and how it is executed.
 
 `RunConfig` decides the results, so a folder is resumed only with an equal one.
-`ExecutionConfig` decides how soon the results are there, and may change from one
-session to the next.
+`ExecutionConfig` decides how soon results arrive, and may change from one session to
+the next.
 """
 
 import os
@@ -41,7 +41,7 @@ from barn_worlds.datasets.dataset import Dataset, open_dataset, select_worlds
 # Names of planners become names of files.
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,59}")
 
-# Characters of an input: they fit into a pipe that nobody reads yet.
+# Characters of an input, few enough for a pipe that nobody reads yet.
 _MAX_INPUT = 4000
 
 # What stands for the goal of a trial in a planner's command or input.
@@ -70,7 +70,7 @@ COMPUTE_KEYS = tuple(field.name for field in fields(Compute))
 
 
 def _compute_quantity(name: str) -> Any:
-    """Return a dataclass field, 0 by default, that is like one of `Compute`."""
+    """Return a dataclass field, 0 by default, declared like the same one of `Compute`."""
     declarations = {key: item for key, item, _ in fields_of(NO_COMPUTE)}
     delay = declarations[name]
     return optional(0.0, delay.description, "s", delay.minimum, delay.maximum)
@@ -80,30 +80,31 @@ def _compute_quantity(name: str) -> Any:
 class PlannerChoice(Checked):
     """A planner of a run: one of the registry, a command over ROS or a planner object.
 
-    With a command or a source, results are filed under the name, which says no more.
+    With a command or a source, the name is only what results are filed under.
     """
 
     name: str = quantity("dwa", "name of the planner")
     preset: str = quantity(
-        "", "preset of its parameters, empty for that of the protocol"
+        "", "preset of its parameters; empty: the one that the protocol names"
     )
     overrides: dict[str, Any] = field(default_factory=dict)
     entry: str = optional(
-        "", "name in the registry of a planner that is filed under another name"
+        "", "registry name of a planner whose results are filed under another name"
     )
     command: str = quantity(
-        "", "of mode ros: command that starts it, in place of a node of the suite"
+        "",
+        "in mode ros: command that starts the planner instead of a node of the suite",
     )
     input: str = optional(
-        "", "what is written to the standard input of a planner with a command"
+        "", "text for the standard input of a planner that a command starts"
     )
     source: str = quantity(
-        "", "of a planner given as a Python object: SHA-256 of its source, or unknown"
+        "", "for a planner object: SHA-256 of its source, or unknown"
     )
     max_speed_mps: float = optional(
         0.0,
-        "of a planner with a command or a source: the highest speed that it commands,"
-        " and is held to; 0: the robot's",
+        "for a planner with a command or a source: the highest speed that it commands,"
+        " and to which it is held; 0: the robot's",
         "m/s",
         0.0,
         100.0,
@@ -117,7 +118,7 @@ class PlannerChoice(Checked):
     files: dict[str, str] = field(default_factory=dict, metadata=OPTIONAL)
 
     def __post_init__(self) -> None:
-        """Raise ConfigError for a bad name, or settings not for such a planner."""
+        """Raise ConfigError for a bad name, or settings that its kind does not take."""
         super().__post_init__()
         if not _NAME.fullmatch(self.name):
             raise ConfigError(
@@ -132,12 +133,12 @@ class PlannerChoice(Checked):
         # Rows, pages and colors know the registry's planners by their names.
         if self.entry and self.name in planner_names():
             raise ConfigError(
-                f"planner {self.name!r}: is one of the registry's; give this"
+                f"planner {self.name!r}: is a planner of the registry; give this"
                 f" {self.entry} another name"
             )
         if self.input and not self.command:
             raise ConfigError(
-                f"planner {self.name!r}: an input is for planners that a command starts"
+                f"planner {self.name!r}: only a planner that a command starts takes an input"
             )
         if len(self.input) > _MAX_INPUT:
             raise ConfigError(
@@ -146,8 +147,8 @@ class PlannerChoice(Checked):
             )
         if self.registered and self.max_speed_mps:
             raise ConfigError(
-                f"planner {self.name!r}: its speed cap follows from its parameters, it"
-                " takes no other"
+                f"planner {self.name!r}: its parameters decide its speed cap; it takes"
+                " no max_speed_mps"
             )
         self._compute_of_choice()  # refuses times that contradict each other
 
@@ -158,7 +159,7 @@ class PlannerChoice(Checked):
 
     @property
     def entry_name(self) -> str:
-        """Name in the registry of a planner of the registry."""
+        """Registry name of a registered planner: `entry`, or else its own name."""
         return self.entry or self.name
 
     @property
@@ -169,7 +170,7 @@ class PlannerChoice(Checked):
 
     @property
     def takes_goal_at_start(self) -> bool:
-        """Whether its command or input has a placeholder of the goal."""
+        """Whether its command or input contains a placeholder for the goal."""
         return bool(_PLACEHOLDER.search(self.command + self.input))
 
     @property
@@ -187,12 +188,12 @@ class PlannerChoice(Checked):
 
 @dataclass(frozen=True)
 class PlannerSetup:
-    """What a `TrialSpec` has of a planner's configuration, resolved."""
+    """A planner's configuration, resolved for `TrialSpec`."""
 
     preset: str = ""
     # Values by dotted name of the parameter, those that follow from the robot included.
     overrides: dict[str, Any] = field(default_factory=dict)
-    # Names the whole configuration; empty for a planner that was started by hand.
+    # Fingerprint of the configuration; empty for a planner that was started by hand.
     planner_config: str = ""
     # The highest speed that the planner says it commands, 0 if it does not say.
     declared_mps: float = 0.0
@@ -215,25 +216,25 @@ class RunConfig(Checked):
     simulator: SimulatorConfig = field(
         default_factory=lambda: simulator_config(CHALLENGE)
     )
-    seed: int = quantity(0, "seed of everything random", "", 0, 2**62)
+    seed: int = quantity(0, "seed of all random numbers", "", 0, 2**62)
     mode: str = quantity("direct", "one process or ROS nodes", choices=MODES)
     bags: str = quantity("none", "which trials are recorded", choices=BAGS)
     compute: str = optional(
         DECLARED,
-        "what trials charge for a planner's computing: what it declares, if it does,"
-        " or what is measured, at this machine's pace",
+        "computing time that trials charge: what the planner declares, if anything, or"
+        " what is measured, at this machine's pace",
         choices=(DECLARED, MEASURED),
     )
     ros: RosConfig = field(default_factory=RosConfig)
     course: tuple[float, ...] = optional(
         (),
-        "start x, y, yaw and goal x, y of all its worlds, in m and rad, in place of"
-        " their own",
+        "start x, y, yaw and goal x, y for all worlds, in m and rad, instead of their"
+        " own",
     )
     # `RunRequest` draws them, and makes each a world of the run.
     routes: int = optional(
         0,
-        "routes to draw in each world by the seed, each a world of its own",
+        "routes to draw in each world from the seed, each a world of its own",
         "",
         0,
         1000,
@@ -241,7 +242,7 @@ class RunConfig(Checked):
     system: System = field(default_factory=System, metadata=OPTIONAL)
 
     def __post_init__(self) -> None:
-        """Raise ConfigError for no or equal planners, or settings not for the mode."""
+        """Raise ConfigError for no or equal planners, or settings of another mode."""
         super().__post_init__()
         if not self.planners:
             raise ConfigError("planners must name at least one planner")
@@ -257,7 +258,7 @@ class RunConfig(Checked):
                 )
             if planner.source and over_ros:
                 raise ConfigError(
-                    f"planner {name!r}: a Python object drives in mode direct only"
+                    f"planner {name!r}: a Python object needs mode direct"
                 )
             if planner.command and not over_ros:
                 raise ConfigError(f"planner {name!r}: a planner command needs mode ros")
@@ -265,13 +266,13 @@ class RunConfig(Checked):
         if over_ros and self.compute == MEASURED:
             raise ConfigError(
                 "compute measured needs mode direct; over ROS, ros.lockstep=false"
-                " charges all time"
+                " charges all computing time"
             )
         if not over_ros and self.ros != RosConfig():
             raise ConfigError("the settings of ros need mode ros")
 
     def require_own_names(self) -> None:
-        """Raise ConfigError if a planner of a user's is named as one of the suite.
+        """Raise ConfigError if a user's planner is named like one of the suite.
 
         Earlier versions allowed it, so their folders can be read, but not submitted.
         A planner of the suite may drive a system that is only observed.
@@ -361,8 +362,8 @@ class RunConfig(Checked):
     ) -> list[TrialSpec]:
         """Return specifications of all trials: by world, repetition, then planner.
 
-        Planners come innermost, so they are compared on the same worlds however early a
-        run is stopped. Each world is read once.
+        Planners come innermost, so they are compared on the same worlds even if a run
+        stops early. Each world is read once.
 
         Args:
             worlds: Numbers of the worlds to take, by default those of the run.
@@ -371,7 +372,7 @@ class RunConfig(Checked):
                 their names are certain.
 
         Raises:
-            BarnError: A world cannot be read, or is none for the protocol or robot.
+            BarnError: A world cannot be read, or does not fit the protocol or robot.
         """
         setups = []
         for choice in self.planners:
@@ -422,7 +423,7 @@ class ExecutionConfig(Checked):
     # 0 is one per processor.
     workers: int = quantity(0, "trials at a time", "", 0, 10_000)
     address: str = quantity(
-        "", "address of a Ray cluster, empty to start one on this machine"
+        "", "address of a Ray cluster; empty: start one on this machine"
     )
     trial_limit_s: float = quantity(
         600.0,
@@ -432,10 +433,10 @@ class ExecutionConfig(Checked):
         1e6,
     )
     attempts: int = quantity(
-        3, "attempts at a trial whose worker dies or exceeds that time", "", 1, 100
+        3, "attempts at a trial whose worker dies or exceeds trial_limit_s", "", 1, 100
     )
     losses: int = quantity(
-        20, "trials lost one after the other before it stops", "", 1, 10_000
+        20, "trials lost in a row before the run stops", "", 1, 10_000
     )
 
     def __post_init__(self) -> None:

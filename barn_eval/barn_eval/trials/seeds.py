@@ -20,7 +20,7 @@ def simulator_seed(run_seed: int, world_number: int, repetition: int) -> int:
 def planner_seed(
     run_seed: int, world_number: int, repetition: int, planner: str
 ) -> int:
-    """Return the seed of a trial's planner, which depends on the planner's name, too.
+    """Return the seed of a trial's planner, which also depends on the planner's name.
 
     Args:
         run_seed: Seed of the run.
@@ -35,7 +35,7 @@ def planner_seed(
 
 
 def _derive_seed(*parts: object) -> int:
-    """Return 32 bits of the SHA-256 of the parts, as text joined by slashes."""
+    """Return the first 32 bits of the SHA-256 of `parts`, joined by slashes."""
     # Python's own hash of a text differs from process to process.
     digest = hashlib.sha256("/".join(map(str, parts)).encode()).digest()
     return int.from_bytes(digest[:4], "little")

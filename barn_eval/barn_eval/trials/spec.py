@@ -31,7 +31,7 @@ from barn_worlds.worlds.world import World
 # skid-steered robot slide where it turns, and its weight shifts to the outer ones.
 WHEEL_SLIP = {"skid_steer": 0.02, "differential": 0.005}
 
-# How far a map goes on beyond a start or a goal that lies outside its world.
+# How far a map extends beyond a start or a goal that lies outside its world.
 _MARGIN_M = 1.0
 
 
@@ -50,14 +50,14 @@ class TrialSpec:
     run_seed: int
     repetition: int
 
-    # Names the planner's configuration; empty for a planner that was started by hand.
+    # Fingerprint of the configuration; empty for a planner that was started by hand.
     planner_config: str = ""
     # The highest speed that the planner says it commands, 0 if it does not say.
     declared_mps: float = 0.0
     # What the planner declares of its computing, and how that is charged.
     compute: Compute = NO_COMPUTE
     compute_mode: str = FREE
-    # Name in the registry of a planner that is filed under another name.
+    # Registry name of a planner whose results are filed under another name.
     entry: str = ""
     # Delays of a trial that was measured, which are charged again.
     recorded_ns: tuple[int, ...] = ()
@@ -65,7 +65,7 @@ class TrialSpec:
 
     @property
     def entry_name(self) -> str:
-        """Name in the registry of a planner of the registry."""
+        """Registry name of a registered planner: `entry`, or else its own name."""
         return self.entry or self.planner
 
     @property
@@ -80,7 +80,7 @@ class TrialSpec:
 
     @property
     def planner_seed(self) -> int:
-        """Seed of the planner, another for each name, world and repetition."""
+        """Seed of the planner, different for each name, world and repetition."""
         return seeds.planner_seed(
             self.run_seed, self.world_number, self.repetition, self.planner
         )
@@ -152,7 +152,7 @@ class TrialSpec:
 
     @cached_property
     def least_time_s(self) -> float | None:
-        """Lower bound, in s, of the time on the clock of any success; it is searched.
+        """Lower bound in s of any success's time on the clock, found by a search.
 
         None if speed cap or path are unknown, or the bound does not hold.
 
@@ -313,9 +313,8 @@ def _planner_map(protocol: Protocol, world: World, course: Course) -> OccupancyM
 def _extend_to(grid: OccupancyMap, pose: Pose2D) -> OccupancyMap:
     """Return the map, padded with free cells to 1 m beyond a pose that is off it.
 
-    The map itself for a pose on it.
-
-    A planner could not plan from or to a pose off its map.
+    A map that contains the pose is returned as it is. A planner could not plan from or
+    to a pose off its map.
     """
     rows, columns = grid.data.shape
     size = grid.resolution
@@ -347,8 +346,8 @@ def simulator_config(
             with the historical map, the pose is off with the map by one cell of a
             standard world: AMCL matches scans to the map that it is given.
         overrides: Simulator parameters by dotted name, which come last.
-        robot: In place of the preset's, the Jackal; the preset keeps what it says of
-            noise and latency.
+        robot: Robot instead of the preset's Jackal; noise and latency stay as in the
+            preset.
 
     Raises:
         ConfigError: The preset or a parameter is unknown, or a value is not allowed, or
@@ -380,7 +379,7 @@ def simulator_config(
     overrides = overrides or {}
     for parameter in sorted(fixed.keys() & overrides.keys()):
         raise ConfigError(
-            f"simulator parameter {parameter!r} is given by protocol {protocol.name}"
+            f"simulator parameter {parameter!r} is set by protocol {protocol.name}"
         )
     changes = changes | fixed | dict(overrides)
     return replace_dotted(preset, changes, "simulator parameters")

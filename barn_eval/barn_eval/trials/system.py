@@ -22,7 +22,7 @@ class System(Checked):
         SUITE_NAME, "name of the simulator or robot; barn is the suite's simulator"
     )
     kind: str = quantity(
-        "simulator", "what it is", choices=("simulator", "robot", "table")
+        "simulator", "kind of system", choices=("simulator", "robot", "table")
     )
     pose: str = quantity(
         "truth",
@@ -52,8 +52,8 @@ class System(Checked):
             self.require(
                 self.is_observed or getattr(self, item.name) == item.default,
                 "name",
-                f"is that of the suite's own simulator, whose {item.name} is"
-                f" {item.default}; name another",
+                "must not be that of the suite's own simulator, whose"
+                f" {item.name} is {item.default}",
             )
 
     @property
@@ -63,7 +63,7 @@ class System(Checked):
 
     @property
     def label(self) -> str:
-        """What of it decides whether results are comparable, as text; "" for the suite."""
+        """Text that two systems with comparable results share; "" for the suite."""
         if not self.is_observed:
             return ""
         if self.kind == "table":
@@ -75,7 +75,7 @@ class System(Checked):
 
     @property
     def reports_contacts(self) -> bool:
-        """Whether contacts are known; else they are None in rows, not zero."""
+        """Whether contacts are known; if not, rows have None for them, not zero."""
         return self.contact != NO_CONTACT
 
 
@@ -86,7 +86,7 @@ def system_in(config: Mapping[str, Any]) -> System:
     """Return the system in a plain configuration or task; the suite's if none is named.
 
     Raises:
-        ConfigError: It cannot be read.
+        ConfigError: The system cannot be read.
     """
     return from_dict(System, config.get("system") or {}, "system")
 
@@ -110,8 +110,8 @@ class ObservedTrial:
 
         Args:
             system: What the trial ran in.
-            clearance_by: What clearances are measured by: "world", "scans" or "".
-            time_uncertainty_s: How far times may be off.
+            clearance_by: Source of clearances: "world", "scans" or "".
+            time_uncertainty_s: How far times may be off, in s.
         """
         if not system.is_observed:
             return None

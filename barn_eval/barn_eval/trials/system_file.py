@@ -28,20 +28,22 @@ class SystemFile(System):
     reset: str = quantity(OPERATOR, "who puts the robot at the start", choices=RESETS)
     reset_service: str = quantity(
         "/reset_simulation",
-        "service that does: std_srvs/srv/Trigger, or ResetSimulation",
+        "service that resets, of type std_srvs/srv/Trigger or ResetSimulation",
     )
     reset_scope: int = quantity(
         0,
-        "bits of ResetSimulation: 1 time, 2 state, 4 what was spawned; 0 is all",
+        "bits of ResetSimulation: 1 time, 2 state, 4 spawned entities; 0: all",
         minimum=0,
         maximum=255,
     )
     robot_entity: str = quantity(
         "",
         "the robot's name in the simulator: after the reset, SetEntityState of the same"
-        " namespace puts it at the start; empty: the reset does",
+        " namespace puts it at the start; empty: the reset does so",
     )
-    robot_z_m: float = quantity(0.0, "height at which SetEntityState puts it", "m")
+    robot_z_m: float = quantity(
+        0.0, "height at which SetEntityState puts the robot", "m"
+    )
     world_node: str = quantity(
         "",
         "node that takes dataset, world, robot, seed, start_x_m, start_y_m and"
@@ -52,9 +54,11 @@ class SystemFile(System):
     topics: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Raise ConfigError for the suite's name, poses that are no topic, or topics."""
+        """Raise ConfigError for the suite's name or an invalid pose, contact or topic."""
         super().__post_init__()
-        self.require(self.is_observed, "name", "is that of the suite's own simulator")
+        self.require(
+            self.is_observed, "name", "must not be that of the suite's own simulator"
+        )
         is_topic = self.pose.startswith("/") and ":" not in self.pose
         self.require(is_topic, "pose", "must be a topic such as /odom in a live trial")
         is_reported = self.contact in (NO_CONTACT, OPERATOR)
@@ -63,11 +67,11 @@ class SystemFile(System):
         is_set = self.robot_entity == "" or self.reset == INTERFACES
         self.require(is_set, "robot_entity", f"needs reset: {INTERFACES}")
         unknown = self.topics.keys() - set(TOPICS)
-        self.require(not unknown, "topics", f"must be of {', '.join(TOPICS)}")
+        self.require(not unknown, "topics", f"must be among {', '.join(TOPICS)}")
 
     @property
     def system(self) -> System:
-        """What of it is part of the task."""
+        """The part of it that belongs to the task, without how it is reached."""
         content = as_dict(self)
         return System(**{item.name: content[item.name] for item in fields(System)})
 
@@ -81,7 +85,7 @@ class SystemFile(System):
 
 
 def read_system(path: Path) -> SystemFile:
-    """Return the system of a YAML file.
+    """Return the system that a YAML file describes; raise ConfigError if invalid.
 
     Raises:
         ConfigError: If the file cannot be read, or a key or value is not allowed.

@@ -118,13 +118,15 @@ class TrajectoryLog:
 class Measures:
     """Figures of a trajectory; None where it is too short for them.
 
-    Clearance is from the outline of what can touch of the robot to the nearest cylinder
-    as it stood at the start, below zero where they overlap. Steps are from each command
-    to the next.
+    Clearance is the distance from the robot's outline to the nearest cylinder as it
+    stood at the start, below zero where they overlap. Steps lead from each command to
+    the next.
     """
 
     driven_m: float  # length of the true path
-    driven_ratio: float | None  # by the straight line from its first to its last point
+    driven_ratio: (
+        float | None
+    )  # over the straight line from its first to its last point
     mean_speed_mps: float | None
     min_clearance_m: float | None
     mean_clearance_m: float | None  # over time

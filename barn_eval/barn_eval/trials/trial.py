@@ -25,11 +25,11 @@ from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Odometry, Pose2D, Vel
 
 T = TypeVar("T")
 
-# Wall-clock time in multiples of a limit after which the machine, not the planner, is
-# given up.
+# Wall-clock time, in multiples of a limit, after which the machine is to blame and not
+# the planner.
 STALLED = 10.0
 
-# Characters of a text of the planner's, in a row.
+# Most characters of a planner's text in a row.
 MAX_TEXT_LENGTH = 2000
 _MAX_ERROR_LENGTH = 300
 _SCHEDULE_BYTES = 100  # more than three numbers of 64 bits take
@@ -39,7 +39,7 @@ _SCHEDULE_BYTES = 100  # more than three numbers of 64 bits take
 def signal_handler(
     number: int, handler: Callable[[int, FrameType | None], None]
 ) -> Iterator[bool]:
-    """Handle a signal during a context, in the main thread only; restore it after.
+    """Handle a signal in a context, main thread only; then restore the old handler.
 
     Args:
         number: Number of the signal.
@@ -70,11 +70,11 @@ class MachineStalledError(Exception):
 
 
 class PlannerError(Exception):
-    """A planner raised an exception while it was made or shown, out of its cycles."""
+    """A planner raised an exception while it was made or shown, outside its cycles."""
 
 
 class _StallError(BaseException):
-    """As `DeadlineError`, by no fault of the planner."""
+    """Like `DeadlineError`, but through no fault of the planner."""
 
 
 def processor_wait_s(process: str | int = "self") -> float:
@@ -234,7 +234,7 @@ class RunningTrial:
     def command(self, command: Velocity2D) -> Verdict | None:
         """Log and judge the last reading's command; return the verdict or None.
 
-        It is not sent to the robot.
+        The command is not sent to the robot.
         """
         if self._logged:
             self.log.command(command)
@@ -322,7 +322,7 @@ def finish_trial(
     world = spec.world
     scores = score_trial(verdict, spec.course, spec.scaled_protocol, spec.least_time_s)
     if spec.least_time_s is None:
-        # Zeros of failures alone would make a mean that is none.
+        # A mean over the zeros of failures alone would say nothing.
         scores = replace(scores, efficiency=None)
     outline = spec.outline
     result = TrialResult(

@@ -264,7 +264,7 @@ SWEEPS = """
 {sweep: {dwa.path_wieght: [1]}}
     did you mean 'dwa.path_weight'
 {sweep: {max_speed_mps: [0.1]}, planners: 'gap,dwa'}
-    a sweep is of one planner, got gap, dwa
+    a sweep takes one planner, got gap, dwa
 {sweep: {dwa.path_weight: []}}
     must be a list of values
 {sweep: {dwa.path_weight: [[1]]}}
@@ -284,7 +284,7 @@ def test_what_is_no_sweep_is_refused_in_one_line(options, words, tmp_path):
 
 def test_a_sweep_of_too_many_settings_is_refused(tmp_path):
     sweep = {"dwa.path_weight": [0.1] * 21, "dwa.goal_weight": [0.1] * 20}
-    with refused("may have 400 settings, these are 420"):
+    with refused("may have at most 400 settings, got 420"):
         grid(read_request(None, {"out": tmp_path}), sweep)
 
 

@@ -285,7 +285,9 @@ def test_what_cannot_be_handed_to_a_worker_is_said(tmp_path):
             self.lock = threading.Lock()
 
     locked = {"locked": Locked()}
-    with refused(r"a planner cannot be handed to a worker .* workers=1 needs none"):
+    with refused(
+        r"a planner cannot be sent to a worker process .* workers=1 starts none"
+    ):
         drive(locked, tmp_path, workers=2)
     (trial,) = drive(locked, tmp_path).trials
     assert trial.outcome is Outcome.TIMEOUT
@@ -337,7 +339,7 @@ def test_what_goes_wrong_in_a_planner_of_ones_own_is_an_outcome(tmp_path, caplog
         (
             {"dwa": ahead},
             {},
-            "planner 'dwa': is one of the registry's; give yours another name",
+            "planner 'dwa': is a planner of the registry; give yours another name",
         ),
         (
             dict,
@@ -349,7 +351,7 @@ def test_what_goes_wrong_in_a_planner_of_ones_own_is_an_outcome(tmp_path, caplog
         (
             ahead,
             {"mode": "ros"},
-            "planner 'ahead': a Python object drives in mode direct only",
+            "planner 'ahead': a Python object needs mode direct",
         ),
         (
             ahead,

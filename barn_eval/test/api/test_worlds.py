@@ -82,7 +82,7 @@ def test_a_course_given_for_a_run_is_in_rows_and_pages(
         ),
         (
             "11,-1,0:11.5,-1",
-            "start and goal are 0.50 m apart, which is arrival under protocol challenge",
+            "start and goal are 0.50 m apart, which counts as arrival under protocol challenge",
         ),
         ("11,-1:14,1", "--course '11,-1:14,1': must be X,Y,YAW:X,Y of start and goal"),
     ],

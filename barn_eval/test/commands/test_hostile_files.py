@@ -39,7 +39,7 @@ CAMPAIGN = {
         "c.yaml: planners: overrides[3] must be ",
     ),
     "out": ("out: 5", "c.yaml: out must name a folder for the results, got 5"),
-    "NUL in the folder": ('out: "a\\0b"', r"out 'a\x00b': a path cannot hold a NUL"),
+    "NUL in the folder": ('out: "a\\0b"', r"out 'a\x00b': a path cannot contain a NUL"),
     "long text": ("dataset: " + "x" * 5000, ""),
     "long name": ("planners: [" + "x" * 5000 + "]", ""),
 }

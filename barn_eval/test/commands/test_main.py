@@ -183,7 +183,7 @@ def test_run_is_completed_and_not_mixed_with_another(command, tiny, tmp_path):
     row = json.loads((folder / "results.jsonl").read_text())
     code, out, err = command(run, "--json")
     assert code == 0
-    assert "1 of 1 trials are there already" in err
+    assert "1 of 1 trials are already there" in err
     summary = json.loads(out)
     assert row.pop("crc32")
     assert summary["results"] == [row]

@@ -402,7 +402,7 @@ def test_losses_are_told_at_once(time):
         time,
     )
     assert output_lines.startswith(
-        "dwa_w0001_r00: attempt 1 lost, its worker process was killed by SIGKILL\n"
+        "dwa_w0001_r00: attempt 1 was lost: its worker process was killed by SIGKILL\n"
     )
 
 
@@ -411,7 +411,7 @@ def test_a_library_logs_what_a_command_prints(time, caplog):
     loss = TrialLoss("dwa_w0001_r00", 1, "it was killed")
     take(RunProgress(2, [], Reporter()), [loss, result(1)], time, io.StringIO())
     assert [(record.levelname, record.message) for record in caplog.records] == [
-        ("WARNING", "dwa_w0001_r00: attempt 1 lost, it was killed"),
+        ("WARNING", "dwa_w0001_r00: attempt 1 was lost: it was killed"),
         ("INFO", "[1/2] dwa_w0001_r00: success in 10.10 s"),
         ("INFO", "1/2 trials, 15.0/min, 3.0 x real time, 0:00:04 left, success 1"),
     ]

@@ -550,7 +550,7 @@ MISTAKES = """
 {protocol: papper}
     did you mean 'paper2020'
 {simulator: {obstacles.movable: true}}
-    is given by protocol
+    is set by protocol
 {safety.lidar_x_m: 0.3}
     safety.lidar_x_m is 0.3, but the lidar is mounted at 0.055 m
 {simulator: {lidar.beans: 3}}

@@ -194,8 +194,8 @@ def test_an_operator_has_keys_in_the_terminal(tmp_path):
         ["none", "none"],
         keys=[
             ("Enter starts", "c"),
-            ("does not count now", "s"),
-            ("Enter tells of a contact", "c"),
+            ("has no effect now", "s"),
+            ("Enter reports a contact", "c"),
             ("Enter starts", "abort"),
         ],
         reset="operator",
@@ -205,7 +205,7 @@ def test_an_operator_has_keys_in_the_terminal(tmp_path):
         Outcome.COLLISION,
         Outcome.ENVIRONMENT_FAILED,
     ]
-    assert rows[1].detail == "the operator aborted it"
+    assert rows[1].detail == "the operator aborted the trial"
     assert "put the robot at the start of world_0\n  x -2.250 m, y 3.000 m" in shown
 
 
@@ -244,17 +244,17 @@ def test_a_simulator_of_others_is_not_taken_for_the_suites():
     client = SimulatorClient(
         None, lambda *_, **__: "done", EvaluatorConfig(dataset="barn300")
     )
-    with pytest.raises(BarnError, match="~/pause does not answer as the suite's own"):
+    with pytest.raises(BarnError, match="~/pause does not answer like the suite's own"):
         client.prepare(spec, 1.0)
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"name": "barn"}, "name is that of the suite's own simulator"),
+        ({"name": "barn"}, "name must not be that of the suite's own simulator"),
         ({"pose": "/tf:odom.base_link"}, "pose must be a topic such as /odom"),
         ({"contact": "bumper"}, "contact must be a topic, operator or none"),
-        ({"topics": {"lidar": "/scan"}}, "topics must be of cmd_vel, collision"),
+        ({"topics": {"lidar": "/scan"}}, "topics must be among cmd_vel, collision"),
         ({"rest": "operator"}, "unknown key 'rest'.*reset"),
         ({"reset": "hand"}, "reset must be"),
         ({"robot_entity": "jackal"}, "robot_entity needs reset: simulation_interfaces"),

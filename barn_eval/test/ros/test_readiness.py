@@ -67,7 +67,9 @@ NOT_READY = Outcome.PLANNER_NOT_READY
 WRONG_TYPE = Outcome.WRONG_MESSAGE_TYPE
 NO_COMMAND = "no publisher on /cmd_vel"
 THERE = "publisher exists on /cmd_vel"
-NO_SCAN = "no subscription to /scan; one of PointCloud2 exists, it carries LaserScan"
+NO_SCAN = (
+    "no subscription to /scan; one of PointCloud2 exists, but it carries LaserScan"
+)
 NOBODY = "no node of a planner is seen"
 
 
@@ -83,13 +85,13 @@ NOBODY = "no node of a planner is seen"
         (
             graph(STAMPED),
             "twist",
-            f"{NO_COMMAND}; a TwistStamped {THERE}, this run expects Twist",
+            f"{NO_COMMAND}; a TwistStamped {THERE}, but this run expects Twist",
             WRONG_TYPE,
         ),
         (
             graph(TEXT),
             "auto",
-            f"{NO_COMMAND}; a String {THERE}, this run expects Twist or TwistStamped",
+            f"{NO_COMMAND}; a String {THERE}, but this run expects Twist or TwistStamped",
             WRONG_TYPE,
         ),
         (
@@ -101,7 +103,7 @@ NOBODY = "no node of a planner is seen"
         (
             graph(ELSEWHERE),
             "auto",
-            f"{NO_COMMAND}; a Twist publisher exists on /nav/cmd_vel, remap it",
+            f"{NO_COMMAND}; a Twist publisher exists on /nav/cmd_vel: remap it",
             NOT_READY,
         ),
         (
@@ -140,7 +142,7 @@ def test_an_input_that_is_listened_for_elsewhere_is_hinted_at():
     finding = inspect(graph(commander(node="/nav"), subscriptions=inputs), NEEDS)
     assert finding.text() == (
         "no subscription to /scan; "
-        "a LaserScan subscription exists on /front/scan, remap it"
+        "a LaserScan subscription exists on /front/scan: remap it"
     )
     # the simulator's own subscriptions, and those that are served, are no hint
     served = Endpoint("/rear/scan", SCAN, b"R")
@@ -163,7 +165,7 @@ def test_a_goal_that_the_evaluator_would_send_in_vain():
     )
     by_action = Graph([command], [], [("/navigate_to_pose", ACTION)])
     assert inspect(by_action, needs).text() == (
-        "no subscription to /goal_pose; the action /navigate_to_pose takes goals, set goal_by to action"
+        "no subscription to /goal_pose; the action /navigate_to_pose takes goals: set goal_by to action"
     )
 
 

@@ -228,7 +228,7 @@ def test_every_planner_fault_is_an_outcome(tmp_path):
     assert [result.outcome for result in results] == [*kinds.values(), Outcome.TIMEOUT]
     by_kind = dict(zip(kinds, results, strict=False))
     assert by_kind["wrong_type"].detail == (
-        "no publisher on /cmd_vel; a String publisher exists on /cmd_vel, this run expects Twist or TwistStamped"
+        "no publisher on /cmd_vel; a String publisher exists on /cmd_vel, but this run expects Twist or TwistStamped"
     )
     assert by_kind["dies"].detail == "the planner was killed by SIGKILL"
     assert by_kind["exits"].detail == "the planner exited with code 3"
@@ -410,7 +410,7 @@ def test_the_nodes_started_by_hand(tmp_path, monkeypatch):
     assert "waiting for /jackal and for a planner on /drive" in log
     assert "[1/1] mine_w0003_r00: success in " in log
     assert re.search(r"success 100 %, mean challenge 0\.\d+\n", log)
-    assert f"results in {tmp_path}/run; for a page of them: barn report" in log
+    assert f"results in {tmp_path}/run; for a report: barn report" in log
     (result,) = read_results(tmp_path / "run")
     assert (result.trial_id, result.outcome) == ("mine_w0003_r00", Outcome.SUCCESS)
     # nobody told the evaluator

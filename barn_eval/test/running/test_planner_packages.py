@@ -158,7 +158,7 @@ def test_a_launch_file_starts_its_nodes_that_are_in_the_workspace(workspace, tmp
     ("node", "problem"),
     [
         ("executable=f(1)", r"line 2: cannot read f\(1\) without executing it"),
-        ("executable='other'", "has no executable in Python called 'other'"),
+        ("executable='other'", "has no Python executable 'other'"),
         ("executable=e", "cannot read e without"),
         ("parameters=p, executable='follower')\np = [p]\nstr(", "recursion"),
     ],

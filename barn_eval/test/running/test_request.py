@@ -278,11 +278,11 @@ MISTAKES = """
 {planner_command: mine=run me, planner_input: other=1, mode: ros}
     planner input 'other=1': must be NAME=TEXT, with the name of a planner
 {planner_input: '1', planners: dwa, mode: ros}
-    planner 'dwa': an input is for planners that a command starts
+    planner 'dwa': only a planner that a command starts takes an input
 {planners: 'dwa,dwa:challenge'}
     names 'dwa' twice; give one another name, such as dwa_2=dwa:challenge
 {planners: 'gap=dwa'}
-    planner 'gap': is one of the registry's; give this dwa another name
+    planner 'gap': is a planner of the registry; give this dwa another name
 {planners: []}
     must name at least one planner
 {planners: 3}
@@ -294,7 +294,7 @@ MISTAKES = """
 {planners: [{nam: dwa}]}
     planners: unknown key 'nam'; did you mean 'name'?
 {settings: {ebadn: {a: 1}}}
-    of planner 'ebadn', which is not among them; did you mean 'eband'?
+    of planner 'ebadn', which the run does not have; did you mean 'eband'?
 {repetitions: 0}
     : repetitions must be from 1 to 99, got 0
 {seed: -1}
@@ -308,7 +308,7 @@ MISTAKES = """
 {planner_command: run me, planners: mine}
     planner 'mine': a planner command needs mode ros
 {planner_command: run me, mode: ros}
-    give it as NAME=COMMAND where there are several planners
+    give it as NAME=COMMAND if there are several planners
 {planner_command: [a, b], planners: [], mode: ros}
     give it as NAME=COMMAND
 {planner_command: python dwa.py, planners: [], mode: ros}
@@ -328,7 +328,7 @@ MISTAKES = """
 {ros: {restart_planner: never}}
     the settings of ros need mode ros
 {mode: ros, ros: {bags: none}}
-    ros.bags is given by bags (--bags)
+    ros.bags is set by bags (--bags)
 {mode: ros, ros: {lockstp: true}}
     did you mean 'lockstep'?
 {execution: 3}

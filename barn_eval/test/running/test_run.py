@@ -90,7 +90,7 @@ def test_an_interrupted_run_resumes_to_the_same_table(whole, tmp_path):
         assert runs.rows(out) >= rows_before + 2
         assert not (out / "results.parquet").exists()
         if rows_before:
-            assert f"{rows_before} of 12 trials are there already" in errors
+            assert f"{rows_before} of 12 trials are already there" in errors
         if number != signal.SIGKILL:
             assert campaign.returncode == 130
             assert (

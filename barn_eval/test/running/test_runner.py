@@ -223,7 +223,7 @@ def test_faults_of_the_set_up_are_kept_apart_named_and_run_again(
     assert {result.trial_id for result in scored} == names - {key}
     unscored = (row for row in RowFile(tmp_path / "x").read() if not row.is_scored)
     assert describe_unscored([*scored, *unscored]) == (
-        f"1 of {len(specs)} trials failed by no fault of the planner and are not scored; "
+        f"1 of {len(specs)} trials failed through no fault of the planner and are not scored; "
         "the same command runs them again: "
         f"{key} (simulator: it was told to, at the last of 2 attempts)"
     )
@@ -236,7 +236,7 @@ def test_faults_of_the_set_up_are_kept_apart_named_and_run_again(
 
 def test_many_losses_in_a_row_stop_the_campaign(tmp_path, config, specs):
     engine = Scripted(fate=lost_if(lambda name, attempt: True))
-    words = "4 attempts in a row were lost, the last one: it was told to"
+    words = "4 attempts in a row were lost; last reason: it was told to"
     with refused(words, RunError):
         run(tmp_path, config, specs, engine, losses=4)
     run(tmp_path, config, specs, Scripted())

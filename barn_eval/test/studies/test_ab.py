@@ -116,7 +116,7 @@ def test_unchanged_sides_are_not_driven_again(command, tmp_path):
     content = json.loads(out)
     assert (code, content["decision"]) == (0, "better")
     assert content["worlds"] < content["planned"] == 15
-    assert err.count("trials are there already") == 2 and "success in" not in err
+    assert err.count("trials are already there") == 2 and "success in" not in err
     folders = {path.name for path in (tmp_path / "ab").iterdir()}
     assert {content["base"], content["head"]} == {f"ab/{name}" for name in folders}
 

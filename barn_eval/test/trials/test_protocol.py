@@ -70,12 +70,16 @@ def test_courses_of_dynabarn_are_longer_challenge_courses():
         distances = "goal_distance_m clock_start_distance_m"
         for name in f"limit_s {distances} collision_ends_trial map_given".split():
             assert getattr(DYNABARN, name) == getattr(CHALLENGE, name)
-        with refused("is an arena; protocol challenge is not made for it, dynabarn is"):
+        with refused(
+            "is an arena, so protocol challenge does not fit it; use dynabarn"
+        ):
             CHALLENGE.course(world)
 
 
 def test_dynabarn_is_no_protocol_for_worlds_that_are_no_arenas(open_world):
-    with refused("is no arena; protocol dynabarn is not made for it, challenge is"):
+    with refused(
+        "is not an arena, so protocol dynabarn does not fit it; use challenge"
+    ):
         DYNABARN.course(open_world)
 
 
@@ -97,7 +101,7 @@ def test_the_phase_belongs_to_protocol_and_fingerprint(tmp_path):
         content = identity.task_content(protocol, simulator)
         fingerprints.add(identity.fingerprint(content))
     assert len(fingerprints) == 2
-    with refused(r"'obstacles\.random_phase' is given by protocol dynabarn"):
+    with refused(r"'obstacles\.random_phase' is set by protocol dynabarn"):
         simulator_config(DYNABARN, {"obstacles.random_phase": False})
 
 
@@ -210,7 +214,7 @@ def test_a_course_of_the_worlds_own_is_along_its_true_path(open_world):
 
 def test_a_worlds_course_exceeds_the_arrival_distance(open_world):
     with refused(
-        r"^world bent: start and goal are 1\.00 m apart, which is arrival under"
+        r"^world bent: start and goal are 1\.00 m apart, which counts as arrival under"
     ):
         KNOWN_MAP.course(ended(open_world, 8.0))
     assert KNOWN_MAP.course(ended(open_world, 8.001)).goal.y == 8.001
@@ -218,7 +222,7 @@ def test_a_worlds_course_exceeds_the_arrival_distance(open_world):
 
 def test_a_course_of_the_worlds_own_is_not_for_maps_that_are_off(open_world):
     with refused(
-        r"^world bent: has start and goal of its own; protocol paper2020 is for"
+        r"^world bent: has a start and goal of its own, but protocol paper2020"
     ):
         PAPER_2020.course(ended(open_world, 11.0))
 

@@ -81,7 +81,7 @@ def test_the_task_names_all_of_a_system(change):
 
 def test_no_other_system_has_the_name_of_the_suites():
     with refused(
-        "name must be|name is that of the suite's own simulator, whose kind is"
+        "name must be|name must not be that of the suite's own simulator, whose kind is"
     ):
         System(kind="robot")
 

@@ -120,12 +120,15 @@ DAMAGED = {
         "unknown activation 'tanhh'; did you mean 'tanh'",
     ),
     "unknown output": (header_with(output="softmax"), "unknown output 'softmax'"),
-    "layers no sizes": (header_with(layers=[11, -8, 2]), "the file has [11, 8, 2]"),
+    "layers no sizes": (
+        header_with(layers=[11, -8, 2]),
+        "but its arrays have [11, 8, 2]",
+    ),
     "too many layers": (
         header_with(layers=[11] * 40),
         "layers must list 2 to 17 sizes",
     ),
-    "other layers": (header_with(layers=[11, 9, 2]), "the file has [11, 8, 2]"),
+    "other layers": (header_with(layers=[11, 9, 2]), "but its arrays have [11, 8, 2]"),
     "layer missing": (header_with(layers=[11, 8, 8, 2]), "it has no weights_2.npy"),
     "observation of other size": (
         header_with(observation={"beams": 9}),

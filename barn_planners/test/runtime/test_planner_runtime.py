@@ -136,7 +136,7 @@ def test_a_goal_in_another_frame_or_not_a_number_is_refused():
     assert goal_problem(GOAL, "odom", "odom") == ""
     assert goal_problem(GOAL, "/odom", "odom") == ""
     assert "in frame 'map'" in goal_problem(GOAL, "map", "odom")
-    assert "not a number" in goal_problem(Pose2D(math.nan, 0.0, 0.0), "odom", "odom")
+    assert "not finite" in goal_problem(Pose2D(math.nan, 0.0, 0.0), "odom", "odom")
 
 
 @pytest.mark.parametrize("use_map", [True, False])

@@ -140,11 +140,11 @@ for _name in ("simulator", "evaluator", "guard", "worker", "run"):
             ),
         )
 for _name, _number, _expected in (
-    ("simulator", signal.SIGKILL, "nothing tells that"),
-    ("simulator", signal.SIGTERM, "nothing tells that"),
-    ("simulator", signal.SIGSTOP, "nothing tells that"),
+    ("simulator", signal.SIGKILL, "may have caused it"),
+    ("simulator", signal.SIGTERM, "may have caused it"),
+    ("simulator", signal.SIGSTOP, "may have caused it"),
     ("evaluator", signal.SIGKILL, "interference: the evaluator was"),
-    ("guard", signal.SIGKILL, "nothing tells that"),
+    ("guard", signal.SIGKILL, "may have caused it"),
     ("worker", signal.SIGKILL, "repeated"),
     ("run", signal.SIGKILL, "repeated"),
 ):

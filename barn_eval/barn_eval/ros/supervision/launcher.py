@@ -17,12 +17,12 @@ KIND says what the command is:
 
 When the supervisor writes, or its end of the socket closes because it died, the
 launcher ends the command and all its descendants: by SIGINT first, as Ctrl-C does it,
-then SIGTERM, then SIGKILL. What the command prints goes to the launcher's own output;
-of a great deal only beginning and end, and of a planner nothing after such a signal:
-complaints about it would look like a fault.
+then SIGTERM, then SIGKILL. What the command prints goes to the launcher's own output.
+If it prints very much, only beginning and end are kept; of a planner, nothing after
+such a signal is, since complaints about the signal would look like a fault.
 
 The launcher is two processes, of which the second does the work. If either is killed,
-at the same time as the supervisor too, the other ends what is left. A launcher that
+even together with the supervisor, the other ends what is left. A launcher that
 somebody else tells to end kills its command, so the command is not seen to end first,
 and reports nothing: it counts as lost.
 """

@@ -25,7 +25,7 @@ from barn_worlds.base.types import Pose2D
 from barn_worlds.robots.files import ROBOTS, robot_yaml
 
 # Ends the detail of a fault that a planner without isolation may have caused.
-PLANNER_SUSPECTED = "nothing tells that from the planner's doing"
+PLANNER_SUSPECTED = "the planner may have caused it"
 # A profile that keeps Fast DDS on the loopback interface.
 _LOOPBACK = Path(__file__).parents[2] / "data" / "dds" / "loopback.xml"
 _WHEELS_MARK = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
@@ -54,7 +54,7 @@ class NodeProcess:
     foreign: bool = False
     # What is written to its standard input.
     input: str = ""
-    # Where it starts from the source of a package, what that starts.
+    # The executable of a planner that starts from the source of a package.
     executable: Executable | None = None
 
     def write_parameters(self, folder: Path) -> list[str]:
@@ -202,8 +202,8 @@ def planner(
     Args:
         choice: The planner.
         run: Protocol and settings of the run.
-        goal: Goal of the next trial, for placeholders in command and input; None where
-            it is not known when the planner starts.
+        goal: Goal of the next trial, for placeholders in command and input; None if it
+            is not known when the planner starts.
 
     Returns:
         The process to start.
@@ -215,8 +215,8 @@ def planner(
     if choice.command:
         if goal is None and choice.takes_goal_at_start:
             raise ConfigError(
-                f"planner {choice.name!r}: no goal is known at its start, for"
-                " {goal_x} and its like"
+                f"planner {choice.name!r}: no goal is known at its start to fill in"
+                " {goal_x} and the like"
             )
         frame = setup.map_frame if run.protocol.map_given else setup.odom_frame
         command = choice.command

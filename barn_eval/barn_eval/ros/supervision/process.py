@@ -121,10 +121,10 @@ class SupervisedProcess:
             name: "simulator", "planner" or "evaluator".
             command: Words of the command.
             environment: Its variables.
-            log: File that what it prints is added to.
+            log: File that receives what the command prints.
             sockets: Inherited by the command under the same numbers.
             kind: What the launcher is told about the command.
-            text: What it reads from its standard input, which then stays open.
+            text: Text for its standard input, which then stays open.
 
         Raises:
             ConfigError: If the log cannot be written.

@@ -191,7 +191,7 @@ class _Supervisor:
                     yield from self._handle_end(process)
 
     def _record(self, result: TrialResult, track: str, commands: str) -> TrialRecord:
-        """Strike a trial off the list; return its record with its repetitions."""
+        """Take a trial off the list; return its record, with its repetitions."""
         self._lost_evaluators = 0
         del self._remaining[result.trial_id]
         repeats = self._repeats.pop(result.trial_id, [])
@@ -292,7 +292,7 @@ class _Supervisor:
             if self._isolated:
                 kind = f"{launcher.ISOLATED}:{self.store.folder}"
         self._processes[name] = node.start(self.environment, self.logs, sockets, kind)
-        # A simulator that is started anew has heard of no planner, either.
+        # A restarted simulator has not heard of the planner yet, either.
         if name != EVALUATOR and PLANNER in self._processes:
             line = private_line.PrivateLine(os.dup(self._evaluator_line.fileno()))
             line.send(planner=self._processes[PLANNER].pid)
@@ -366,7 +366,7 @@ class _Supervisor:
 
         if not is_expected:
             # However a process takes the signal that we sent is no news.
-            self._notice_end(process, "is started anew" if is_asked else end)
+            self._notice_end(process, "is restarted" if is_asked else end)
 
         if name == EVALUATOR:
             yield from self._handle_lost_evaluator(process)
