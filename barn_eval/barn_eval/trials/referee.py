@@ -158,15 +158,17 @@ class Referee:
         """Return outcome and detail text of a trial that a reading has ended."""
         state = self._state
         protocol = self._protocol
-        position = f"({state['x']:.2f}, {state['y']:.2f}) m"
         match state["code"]:
             case rules.SUCCESS:
                 return Outcome.SUCCESS, ""
             case rules.COLLISION:
-                return Outcome.COLLISION, f"contact at {position}"
+                detail = f"contact at ({state['x']:.2f}, {state['y']:.2f}) m"
+                return Outcome.COLLISION, detail
             case rules.LEFT_WORLD:
-                detail = f"at {position}, more than {protocol.edge_m:g} m outside"
-                return Outcome.LEFT_WORLD, detail
+                return Outcome.LEFT_WORLD, (
+                    f"at ({state['x']:.2f}, {state['y']:.2f}) m, more than"
+                    f" {protocol.edge_m:g} m outside"
+                )
             case rules.TIMEOUT:
                 left_m = f"{state['left_m']:.2f}"
                 detail = f"{left_m} m from the goal after {protocol.limit_s:g} s"

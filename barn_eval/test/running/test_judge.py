@@ -226,7 +226,7 @@ def test_what_is_doubtful_is_said_and_enters_the_uncertainty(nearer, tmp_path):
 
     path = write_bag(tmp_path / "fast" / "gap_w0120_r00", messages_of(nearer, fast))
     row = judge_one(path, tmp_path / "out", protocol=near(nearer))
-    assert "stamps may not be those of the robot" in row.remarks
+    assert "stamps may not be the robot's" in row.remarks
     assert row.observed.time_uncertainty_s > row.scores.duration_s / 2.0
 
 
@@ -284,7 +284,7 @@ def test_bags_of_several_systems_need_folders_of_their_own(nearer, tmp_path):
     other = write_bag(tmp_path / "other", messages_of(nearer, without("/collision")))
     with refused("judge each system into a folder of its own", BagError):
         judge([nearer, other], tmp_path / "out")
-    with refused("2 for 1 bags", ConfigError):
+    with refused("2 numbers for 1 bags", ConfigError):
         judge([nearer], tmp_path / "out", JudgeOptions(world="1,2"))
 
 

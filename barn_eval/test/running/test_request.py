@@ -412,6 +412,6 @@ def test_a_ros_domain_of_the_user_has_one_worker(monkeypatch):
     assert read_request(None, {"mode": "ros"}).execution.workers == 1
     assert read_request(None, {"mode": "direct"}).execution.workers == 0
     with refused(
-        r"workers: must be 1 with ROS_DOMAIN_ID 7, got 2: use --workers 1, or"
+        r"workers: must be 1 with ROS_DOMAIN_ID 7, got 2; use --workers 1, or"
     ):
         read_request(None, {"mode": "ros", "workers": 2})

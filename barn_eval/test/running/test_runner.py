@@ -358,4 +358,4 @@ def test_a_trial_whose_folder_was_moved_has_had_an_attempt(tmp_path, config, spe
     with refused("somebody moved that", StoreError):
         run(out, config, specs, Scripted(slots=1, fate=move))
     (note,) = (out / "losses").iterdir()
-    assert "broken off: StoreError" in note.read_text()
+    assert "interrupted: StoreError" in note.read_text()
