@@ -45,7 +45,7 @@ def test_a_killed_worker_gives_the_rows_of_a_direct_run(tmp_path):
     os.kill(runs.children(campaign.pid)[0], signal.SIGKILL)
     _, errors = campaign.communicate(timeout=600)
     assert campaign.returncode == 0, errors
-    assert "lost, its worker process was killed by SIGKILL" in errors
+    assert "lost: its worker process was killed by SIGKILL" in errors
     assert comparable(out) == comparable(tmp_path / "direct")
     tracks, expected = (tmp_path / mode / "tracks.jsonl" for mode in ("ros", "direct"))
     assert tracks.read_bytes() == expected.read_bytes()

@@ -233,7 +233,7 @@ COMPILED = "add_executable(planner_node src/planner.cpp)\n"
                 "package.xml": "<buildtool_depend>catkin</buildtool_depend>",
             },
             "",
-            "it is for ROS 1",
+            "the package is for ROS 1",
         ),
     ],
 )

@@ -118,7 +118,7 @@ def test_killed_workers_do_not_change_the_bytes(whole, tmp_path):
             os.kill(pid, signal.SIGKILL)
     _, errors = campaign.communicate(timeout=600)
     assert campaign.returncode == 0, errors
-    assert "lost, its worker process was killed by SIGKILL" in errors
+    assert "lost: its worker process was killed by SIGKILL" in errors
     same_table(whole, out)
     assert max(row.wall_clock.attempts for row in read_results(out)) > 1
     assert any((out / "losses").iterdir())
