@@ -22,10 +22,10 @@ AnyArray = npt.NDArray[Any]
 
 
 def side_lengths(points: AnyArray) -> Floats:
-    """Return the distance (n - 1,) from each of some points (n, 2 or more) to the next.
+    """Return the distances (n - 1,) between consecutive points (n, 2 or more).
 
     Args:
-        points: x and y, or row and column, and what else there is about them.
+        points: x and y, or row and column; further columns are ignored.
     """
     lengths: Floats = np.hypot(*np.diff(points[:, :2], axis=0).T)
     return lengths
@@ -40,7 +40,7 @@ _Function = TypeVar("_Function", bound=Callable[..., object])
 
 
 def kernel(function: _Function) -> _Function:
-    """Return a function that numba compiles on its first call and caches on disk.
+    """Return `function` as a numba kernel, compiled at its first call, cached on disk.
 
     A division by zero gives inf or NaN, as in numpy. Python's exception would cost a
     branch at every division, and would keep loops from being vectorized.

@@ -1,7 +1,7 @@
-"""How long a planner computes, in simulated time.
+"""The simulated time that a planner takes to compute a command.
 
-A planner declares its computing as `Compute`. A `CycleTimer` turns the declaration, or
-times that were measured or recorded, into the delays of a trial.
+A planner declares its computing time as `Compute`. A `CycleTimer` turns the
+declaration, or measured or recorded times, into the delays of a trial.
 """
 
 import math
@@ -19,7 +19,7 @@ _LONGEST_DELAY_S = 10.0
 
 @dataclass(frozen=True)
 class Compute(Checked):
-    """What a planner takes for a cycle on the reference computer.
+    """The time that a planner declares for one cycle on the reference computer.
 
     The defaults, all zero, declare nothing. `barn_eval.running.direct.pace` describes
     the cycle.
@@ -27,11 +27,11 @@ class Compute(Checked):
 
     # A command takes effect this much later than the readings that it answers.
     delay_s: float = quantity(
-        0.0, "from readings to the effect of the command", "s", 0.0, _LONGEST_DELAY_S
+        0.0, "from readings until the command takes effect", "s", 0.0, _LONGEST_DELAY_S
     )
     delay_p95_s: float = quantity(
         0.0,
-        "95th percentile of that delay, log-normal by seed; 0: constant",
+        "95th percentile of a random, log-normal delay; 0: the delay is constant",
         "s",
         0.0,
         _LONGEST_DELAY_S,
@@ -39,7 +39,7 @@ class Compute(Checked):
     # The next cycle begins with the first readings after the command takes effect,
     # and no earlier than this after the last cycle began.
     period_s: float = quantity(
-        0.0, "shortest time between two cycles", "s", 0.0, _LONGEST_DELAY_S
+        0.0, "shortest time between two cycle starts", "s", 0.0, _LONGEST_DELAY_S
     )
 
     def __post_init__(self) -> None:
@@ -54,7 +54,7 @@ class Compute(Checked):
 
     @property
     def is_declared(self) -> bool:
-        """Whether a planner declares a delay or a period: any differs from zero."""
+        """Whether a planner declares anything: any field differs from zero."""
         return self != NO_COMPUTE
 
     @property
@@ -67,18 +67,19 @@ NO_COMPUTE = Compute()
 
 
 class CycleTimer:
-    """Says when a planner may start a cycle and when its command takes effect."""
+    """Decides when a planner may start a cycle and when its command takes effect."""
 
     delays_ns: list[int]
-    """Delays of all cycles so far."""
+    """Delays of all cycles so far, in order."""
 
     def __init__(self, compute: Compute, seed: int, recorded_ns: Sequence[int] = ()):
-        """Start before the first cycle, free, with no delays so far.
+        """Create a timer that is free and has had no cycle.
 
         Args:
             compute: Declaration of the planner.
             seed: Seed of the delays that are drawn from the declaration.
-            recorded_ns: Delays of an earlier drive, which count before any others.
+            recorded_ns: Delays of an earlier drive. The first cycles get these,
+                whatever is measured or declared.
         """
         self._compute = compute
         self._recorded_ns = recorded_ns
@@ -87,11 +88,11 @@ class CycleTimer:
         self.delays_ns = []
 
     def is_free(self, now_ns: int) -> bool:
-        """Tell whether a cycle may start at a simulated time: none is under way."""
+        """Tell whether no cycle is under way at a simulated time, so one may start."""
         return now_ns >= self._free_ns
 
     def start_cycle(self, now_ns: int, measured_ns: int | None = None) -> int:
-        """Start and record a cycle; return its delay in ns, recorded delays first.
+        """Start a cycle; append its delay in ns to `delays_ns` and return it.
 
         Args:
             now_ns: Simulated time of the readings that the planner gets.
@@ -107,7 +108,7 @@ class CycleTimer:
         return delay_ns
 
     def _draw_ns(self) -> int:
-        """Return a declared delay in ns, drawn if a 95th percentile is declared."""
+        """Return the declared delay in ns, random if a 95th percentile is declared."""
         median_s = self._compute.delay_s
         p95_s = self._compute.delay_p95_s
         if p95_s <= median_s:

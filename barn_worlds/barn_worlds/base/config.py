@@ -148,12 +148,12 @@ class Checked:
     """Base of configuration classes: construction checks every declared field."""
 
     def __post_init__(self) -> None:
-        """Raise ConfigError if a declared field, also a nested one, is not allowed."""
+        """Raise ConfigError if a declared field, nested or not, is not allowed."""
         for name, declaration, value in fields_of(self):
             _check(name, declaration, value)
 
     def require(self, holds: bool, name: str, rule: str) -> None:
-        """Raise ConfigError, which names a field and its value, unless `holds`.
+        """Raise ConfigError that names a field and its value, unless `holds`.
 
         Args:
             holds: Whether the configuration satisfies the rule.
@@ -171,8 +171,7 @@ class Checked:
 def fields_of(config: Any) -> Iterator[tuple[str, Quantity, Any]]:
     """Yield dotted name, `Quantity` and value of each declared field, nested ones too.
 
-    Fields of a nested configuration have dotted names. An `OPTIONAL` nested
-    configuration is set as a whole, so its fields are left out.
+    An `OPTIONAL` nested configuration is set as a whole, so its fields are left out.
     """
     for item in dataclasses.fields(config):
         value = getattr(config, item.name)
@@ -185,15 +184,15 @@ def fields_of(config: Any) -> Iterator[tuple[str, Quantity, Any]]:
 
 
 def as_dict(config: object) -> dict[str, Any]:
-    """Return a configuration as nested plain data by field name, for YAML or JSON.
+    """Return a configuration as a nested dict by field name, for YAML or JSON.
 
-    Optional fields are left out while they have their defaults.
+    Optional fields that have their defaults are left out.
     """
     return cast(dict[str, Any], _writer().unstructure(config))
 
 
 def from_dict(cls: type[T], mapping: Mapping[str, Any], where: str) -> T:
-    """Return a configuration, checked, that is built from nested plain data.
+    """Build a configuration from nested plain data, check it and return it.
 
     Args:
         cls: Dataclass to build, with nested dataclasses in it.
@@ -214,7 +213,7 @@ def from_dict(cls: type[T], mapping: Mapping[str, Any], where: str) -> T:
 
 
 def replace_dotted(config: T, changes: Mapping[str, Any], where: str) -> T:
-    """Return a copy of a configuration with fields of dotted names replaced, checked.
+    """Return a checked copy of a configuration with new values for dotted names.
 
     Args:
         config: Configuration to start from; it stays as it is.
@@ -244,11 +243,11 @@ def replace_dotted(config: T, changes: Mapping[str, Any], where: str) -> T:
 
 
 def as_plain(value: Any, depth: int = 3) -> Any:
-    """Return what NumPy or pandas holds as Python's numbers and lists.
+    """Return NumPy and pandas values as Python numbers and lists, anything else as is.
 
     Args:
-        value: A number, an array, a column, or a list or dict with some in it.
-        depth: How deep lists and dicts in each other are looked through.
+        value: A number, an array, a column, or a list or dict that contains some.
+        depth: Number of levels of nested lists and dicts to convert.
     """
     if hasattr(value, "tolist"):
         return value.tolist()
@@ -262,12 +261,11 @@ def as_plain(value: Any, depth: int = 3) -> Any:
 
 
 def format_selection(worlds: Any) -> Any:
-    """Return numbers of worlds, such as 3 or an array [0, 60], as the text "0,60".
+    """Return world numbers, such as an array [0, 60], as text, "0,60"; else `worlds`.
 
     Args:
-        worlds: A whole number, or several in a list, an array, a column or a range,
-            also with texts such as "5-9" among them. Anything else is returned as it
-            is.
+        worlds: A whole number, or a list, array, column or range of them, which may
+            also contain texts such as "5-9". Anything else is returned unchanged.
     """
     worlds = as_plain(worlds, depth=0)
     if isinstance(worlds, (str, Mapping)):
@@ -281,7 +279,7 @@ def format_selection(worlds: Any) -> Any:
 
 
 def read_presets(package: str, file: str, standard: T) -> dict[str, T]:
-    """Return configurations by preset name from a YAML file in a package's `data`.
+    """Read configurations by preset name from a YAML file in a package's `data`.
 
     Args:
         package: Python package with the file in its folder `data`.
@@ -311,7 +309,7 @@ def _reader() -> cattrs.Converter:
         converter.register_structure_hook(kind, _read_value)
 
     def build_reader(cls: type[Any]) -> Callable[[Any, Any], Any]:
-        """Return what builds `cls` from a mapping and refuses unknown keys."""
+        """Return a function that builds `cls` from a mapping, without unknown keys."""
         build = make_dict_structure_fn(cls, converter, _cattrs_forbid_extra_keys=True)
         selections = [
             item.name
@@ -320,7 +318,7 @@ def _reader() -> cattrs.Converter:
         ]
 
         def read(value: object, kind: object) -> Any:
-            """Build `cls` from a mapping with text keys; TypeError for others."""
+            """Build `cls` from a mapping with text keys; TypeError for other input."""
             # cattrs would fail inside generated code, with a message about indices.
             if not isinstance(value, Mapping):
                 raise TypeError(
@@ -357,7 +355,7 @@ def _writer() -> cattrs.Converter:
         )
 
     def build_writer(cls: type[Any]) -> Callable[[Any], dict[str, Any]]:
-        """Return what writes `cls` without optional fields at their defaults."""
+        """Return a function that makes a dict of `cls`, without optional defaults."""
         overrides: dict[str, Any] = {
             item.name: override(omit_if_default=True)
             for item in dataclasses.fields(cls)
@@ -376,9 +374,9 @@ def _is_optional(item: "dataclasses.Field[Any]") -> bool:
 
 
 def _read_value(value: object, kind: type[Any]) -> Any:
-    """Return a value if it is of type `kind`, else raise TypeError; int may be a float.
+    """Return a value as type `kind`: an int also as float; TypeError for other types.
 
-    The value of an Enum becomes its member.
+    For an Enum, return the member with this value; ValueError if there is none.
     """
     if issubclass(kind, Enum):
         return kind(value)
@@ -392,7 +390,7 @@ def _read_value(value: object, kind: type[Any]) -> Any:
 
 
 def _is_tuple(kind: object) -> bool:
-    """Tell whether a type is a tuple of declared items."""
+    """Tell whether a type is a tuple with item types, such as `tuple[int, ...]`."""
     origin: object = get_origin(kind)
     return origin is tuple
 
@@ -400,7 +398,7 @@ def _is_tuple(kind: object) -> bool:
 def _read_tuple(
     converter: cattrs.Converter, value: object, kind: Any
 ) -> tuple[Any, ...]:
-    """Build a tuple from a list or array, of the length of its type."""
+    """Return a list or array as tuple type `kind`; TypeError for a wrong length."""
     is_list = isinstance(value, Iterable) and not isinstance(value, (str, Mapping))
     items = list(cast("Iterable[Any]", value)) if is_list else []
     kinds = get_args(kind)
@@ -425,7 +423,7 @@ def _read_tuple(
 
 
 def _walk(mapping: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield dotted name and value of everything in mappings, nested ones included."""
+    """Yield dotted name and value of every entry of a mapping and of nested ones."""
     for name, value in mapping.items():
         yield prefix + name, value
         if isinstance(value, dict):
@@ -447,7 +445,7 @@ def _flatten(
 
 
 def _explain(error: BaseException) -> str:
-    """Return one line: dotted key and cause of the first error in what was raised."""
+    """Return one line: dotted key and cause of the first of the nested errors."""
     # Dotted name of the field that the error concerns, with a dot at its end.
     prefix = ""
     while isinstance(error, (ClassValidationError, IterableValidationError)):
@@ -483,7 +481,7 @@ def _format_limit(limit: float | None) -> str:
 
 
 def _check(name: str, declaration: Quantity, value: object) -> None:
-    """Raise ConfigError if a value, or an item of a tuple, is not allowed or NaN."""
+    """Raise ConfigError if a value, or an item of a tuple, is NaN or not allowed."""
     items = value if isinstance(value, tuple) else (value,)
     choices = declaration.choices
     limits = declaration.describe_limits()
@@ -502,7 +500,7 @@ def _check(name: str, declaration: Quantity, value: object) -> None:
         if isinstance(item, int):
             # Larger integers fit neither a ROS parameter nor an array of numpy.
             largest = _LARGEST_INTEGER
-            kind = "of 64 bits"
+            kind = "a 64-bit integer"
         low = declaration.minimum
         high = declaration.maximum
         if low is None:

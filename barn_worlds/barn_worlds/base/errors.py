@@ -1,4 +1,4 @@
-"""The errors that a user can cause. Each is one line that says what to change."""
+"""Errors that a user can cause. The message is one line that says what to change."""
 
 import difflib
 import logging
@@ -29,13 +29,13 @@ _PLAIN = (bool, bytes, complex, float, range, type(None))
 
 
 class _Repr(reprlib.Repr):
-    """Plain data as Python writes them, other objects without class and address.
+    """Formats plain data as Python does, other objects without class and address.
 
-    Values of users may be huge and deeply nested: only a part of them is looked at.
+    Users' values may be huge and deeply nested, so only a part of them is formatted.
     """
 
     def repr_instance(self, x: Any, level: int) -> str:
-        """Return the text of an object that is no list, mapping, text or integer."""
+        """Return the text of a path, array, function or other object, no address."""
         if type(x) in _PLAIN:
             return super().repr_instance(x, level)
         if hasattr(x, "tolist"):
@@ -44,7 +44,7 @@ class _Repr(reprlib.Repr):
             return self.repr1(str(x), level)
         if isinstance(x, FunctionType):
             return f"function {x.__name__}"
-        return "an object of Python"
+        return "a Python object"
 
 
 _REPR = _Repr()
@@ -53,7 +53,7 @@ _REPR.maxstring = _REPR.maxother = _LONGEST_VALUE
 
 
 class ExitCode(IntEnum):
-    """How a command has ended; docs/troubleshooting.md has them in a table."""
+    """Exit codes of commands; docs/troubleshooting.md explains them in a table."""
 
     DONE = 0
     FINDINGS = 1
@@ -68,7 +68,7 @@ class ExitCode(IntEnum):
 class BarnError(Exception):
     """A mistake in the input: path or parameter, its value and what is allowed."""
 
-    exit_code = ExitCode.REFUSED  # of a command that it ends
+    exit_code = ExitCode.REFUSED  # of the command that the error ends
 
     def __str__(self) -> str:
         """Return the message, without its middle if it is too long."""
@@ -83,7 +83,7 @@ class ConfigError(BarnError):
 
 
 class FindingError(ConfigError):
-    """What is in a file that a command was to check does not hold."""
+    """The content of a file that a command checked is wrong."""
 
     exit_code = ExitCode.FINDINGS
 
@@ -101,7 +101,7 @@ class ModelError(BarnError):
 
 
 class StoreError(BarnError):
-    """A result or table that cannot be written; what is on disk stays whole."""
+    """A result or table that cannot be written; files on disk stay intact."""
 
 
 class TippedError(BarnError):
@@ -114,11 +114,11 @@ class BagError(BarnError):
 
 @contextmanager
 def convert_os_errors(kind: type[BarnError], subject: object) -> Iterator[None]:
-    """Raise an OSError of the `with` block as `kind`, as "SUBJECT: what failed".
+    """Convert an OSError in the `with` block to `kind`, with message "SUBJECT: reason".
 
     Args:
         kind: Class to raise.
-        subject: Beginning of the message, such as the path and what failed with it.
+        subject: Beginning of the message, such as the path and the failed operation.
 
     Raises:
         BarnError: Of the class `kind`, if the block raises OSError.
@@ -126,22 +126,22 @@ def convert_os_errors(kind: type[BarnError], subject: object) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        # `strerror` is without number and path, which `subject` names.
+        # `strerror` has no error number and no path; `subject` names the path.
         raise kind(f"{subject}: {error.strerror or error}") from None
 
 
 @cache
 def note(text: str) -> None:
-    """Log a line that a user should know, once, and not again from worker processes.
+    """Log a warning, each text once; worker processes log nothing.
 
-    Without a handler of the program, Python prints it.
+    If the program has set no log handler, Python prints the warning on stderr.
     """
     if multiprocessing.parent_process() is None:
         logger.warning("%s", text)
 
 
 def join_names(names: Iterable[object]) -> str:
-    """Return names as text, joined by commas, the first twenty of them."""
+    """Return the first twenty names, joined by commas; ", ..." stands for the rest."""
     texts = [_shorten(name) for name in names]
     ellipsis = ", ..." if len(texts) > _MOST_NAMES else ""
     return ", ".join(texts[:_MOST_NAMES]) + ellipsis
@@ -158,22 +158,22 @@ def format_value(value: object) -> str:
 
 
 def format_error(error: object) -> str:
-    """Return an error's message on one line of up to 200 characters, if it has one.
+    """Return an error's message on one line, cut at 200 characters; never empty.
 
-    Objects that a library names by class and address are left out, and so are control
-    characters, which would steer a terminal.
+    Control characters, which would steer a terminal, are left out, and so are objects
+    that a library names by class and address.
     """
     text = _OBJECT.sub("", join_lines(str(error)))
     return text[:_LONGEST_ERROR] or "no reason is known"
 
 
 def strip_controls(text: str) -> str:
-    """Return text without characters that are not printed, but for white space."""
+    """Return text without nonprinting characters; white space stays."""
     return "".join(c for c in text if c.isprintable() or c.isspace())
 
 
 def join_lines(text: str) -> str:
-    """Return text on one line, without characters that are not printed."""
+    """Return text on one line, without nonprinting characters."""
     return " ".join(strip_controls(text).split())
 
 
@@ -195,7 +195,7 @@ def suggest(name: object, candidates: Iterable[object]) -> str:
 
 
 def suggest_similar(name: object, candidates: Iterable[object]) -> str:
-    """Return "; did you mean 'dwa'?" for the similar names, empty if there is none.
+    """Return "; did you mean 'dwa'?" with up to three similar names, "" without any.
 
     Args:
         name: What the user wrote.
@@ -225,13 +225,13 @@ def _sort_names(candidates: Iterable[object]) -> list[str]:
 
 
 def _siblings(name: str, names: list[str]) -> list[str]:
-    """Return the names with the parent of a dotted name; all names if there is none."""
+    """Return the names with the same dotted parent as `name`; all names if none has."""
     parent = name.rpartition(".")[0]
     return [other for other in names if other.rpartition(".")[0] == parent] or names
 
 
 def _most_similar(name: str, names: list[str], cutoff: float) -> list[str]:
-    """Return a list of the name with the most similar last part, or an empty list."""
+    """Return a list with the one name whose last part is most similar, or no name."""
     by_last_part = {candidate.rpartition(".")[2]: candidate for candidate in names}
     last_part = name.rpartition(".")[2]
     # Parents are long and alike; the last part of a name is what users mistype.

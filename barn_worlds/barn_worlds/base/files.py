@@ -1,8 +1,8 @@
 """Files that anyone may have written: bytes, YAML, JSON and lines of JSON.
 
-No other module of the suite opens them, or replaces files. Size, depth, number of values,
-numbers and encoding are bounded. Every mistake in a text is a ConfigError of one line
-that names the file.
+Only this module opens them and replaces files. It limits size, depth, number of values,
+numbers and encoding. Every mistake in a text is a ConfigError of one line that names
+the file.
 """
 
 import errno
@@ -132,7 +132,7 @@ def read_maybe_gzipped(path: Path, largest: int = LARGEST_FILE_BYTES) -> bytes:
 
 
 def pack_zip(members: Mapping[str, bytes]) -> bytes:
-    """Return a zip file of members by name as bytes; equal members, equal bytes."""
+    """Return a zip file of members by name; equal members give equal bytes."""
     content = io.BytesIO()
     with zipfile.ZipFile(content, "w") as archive:
         for name, data in members.items():
@@ -142,7 +142,7 @@ def pack_zip(members: Mapping[str, bytes]) -> bytes:
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Write a world, map or data set file atomically, with the folders above it.
+    """Write a world, map or data set file atomically; create missing folders.
 
     Args:
         path: File to write; missing folders above it are created.
@@ -158,7 +158,7 @@ def write_bytes(path: Path, content: bytes) -> None:
 
 
 def write_durably(path: Path, content: bytes) -> None:
-    """Write a result file atomically and sync it to the disk, in an existing folder.
+    """Write a result file atomically to an existing folder and sync it to the disk.
 
     Args:
         path: File to write, in a folder that exists.
@@ -171,7 +171,7 @@ def write_durably(path: Path, content: bytes) -> None:
 
 
 def write_parts_durably(path: Path, parts: Iterable[bytes]) -> None:
-    """Write a result file as `write_durably`, part by part as they are made."""
+    """Write a result file as `write_durably`, one part at a time."""
     with (
         convert_os_errors(StoreError, f"{path}: cannot be written"),
         replace_file(path, durable=True) as temporary,
@@ -219,9 +219,9 @@ def replace_file(path: Path, *, durable: bool = False) -> Iterator[Path]:
 
 
 def remove_partial_files(folder: Path) -> None:
-    """Delete hidden .partial files, left by killed writers, directly in a folder.
+    """Delete hidden .partial files that killed writers left directly in a folder.
 
-    Nobody else may be writing to the folder.
+    Call it only while no other process writes to the folder.
     """
     for file in folder.glob(f".*{PARTIAL_SUFFIX}"):
         file.unlink(missing_ok=True)
@@ -258,15 +258,15 @@ def create_folder(path: Path) -> Iterator[Path]:
 
 
 def _read_umask() -> int:
-    """Return the umask of the process, which changes for a moment."""
-    # It can only be read by setting it. Files of other threads are private meanwhile.
+    """Return the umask of the process; it is 0o077 for a moment."""
+    # Only setting it returns it. Meanwhile, files of other threads are private.
     mask = os.umask(0o077)
     os.umask(mask)
     return mask
 
 
 def _sync(path: Path) -> None:
-    """Flush a file's content, or the names in a folder, to the disk (fsync)."""
+    """Flush a file's content, or the file names in a folder, to the disk (fsync)."""
     descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     try:
         os.fsync(descriptor)
@@ -296,7 +296,7 @@ def parse_json(text: str | bytes, where: str) -> PlainData:
     """Return the data in JSON; ConfigError for NaN, huge integers or too many values.
 
     Args:
-        text: JSON, as bytes in UTF-8.
+        text: JSON as text or UTF-8 bytes.
         where: Path or name of the source, to begin an error message with.
 
     Raises:
@@ -318,14 +318,15 @@ def parse_json(text: str | bytes, where: str) -> PlainData:
 def read_lines(path: Path, file: BinaryIO | None = None) -> Iterator[tuple[str, str]]:
     """Yield place ("rows.jsonl, line 2") and unparsed text of each complete line.
 
-    ConfigError for a file that cannot be read, is no UTF-8 or too large.
-
-    A file that does not exist has no lines. A last line without its end, as a killed
-    writer leaves it, is left out.
+    A missing file has no lines. A last line without a newline, which a killed writer
+    may leave, is skipped.
 
     Args:
         path: A regular file.
         file: The file if it is open already; it stays open.
+
+    Raises:
+        ConfigError: If the file cannot be read, is not UTF-8 or has too long a line.
     """
     number = 1
     try:
@@ -355,7 +356,7 @@ def read_yaml(
 
     Args:
         path: A regular file.
-        schema_version: What its key `schema_version` must be.
+        schema_version: Required value of the key `schema_version`.
         largest: Most bytes that it may hold.
 
     Returns:
@@ -379,22 +380,22 @@ def read_yaml(
 
 
 def parse_yaml(text: str | bytes, where: str, loader: Any = CoreLoader) -> PlainData:
-    """Return the data in YAML; ConfigError for aliases, deep nesting or no YAML.
+    """Return the data in YAML; ConfigError for aliases, deep nesting or invalid YAML.
 
     Args:
-        text: YAML, as bytes in UTF-8 or UTF-16.
+        text: YAML as text or as UTF-8 or UTF-16 bytes.
         where: Path or name of the source, to begin an error message with.
-        loader: One of `yaml_scalars`, for the program that the file is for.
+        loader: The loader of `yaml_scalars` for the program that reads such files.
 
     Raises:
-        ConfigError: If the text is not YAML or nested too deep.
+        ConfigError: If the text is not YAML, has aliases or is nested too deeply.
     """
     try:
         _check_events(text)
         data = yaml.load(text, loader)  # a safe loader  # noqa: S506  # nosec B506
         # The configuration checks numbers itself, because it can name the key.
         _check(data, numbers=False)
-    # PyYAML lets through what its constructors raise for a bad date, `!!int x` etc.
+    # PyYAML does not convert what its constructors raise for a bad date, `!!int x` etc.
     except (
         yaml.YAMLError,
         ValueError,
@@ -412,7 +413,7 @@ def dump_yaml(content: PlainData, **options: Any) -> str:
 
     Args:
         content: Mappings, lists and scalars.
-        options: Of `yaml.dump`, such as its width.
+        options: Options of `yaml.dump`, such as its width.
     """
     text: str = yaml.dump(content, Dumper=Dumper, sort_keys=False, **options)
     return text
@@ -431,7 +432,7 @@ def read_package_yaml(package: str, file: str) -> PlainData:
 def make_json_safe(content: PlainData) -> PlainData:
     """Return a copy of plain data that JSON can hold, with None for NaN and infinity.
 
-    Numbers that are not finite become None, keys become text, tuples become lists.
+    Keys become text, tuples become lists.
     """
     if isinstance(content, dict):
         return {str(key): make_json_safe(value) for key, value in content.items()}
@@ -463,12 +464,12 @@ def _read(path: Path, largest: int) -> bytes:
 
 
 def _refuse_constant(name: str) -> None:
-    """Raise ValueError for NaN and Infinity, which Python reads but JSON lacks."""
+    """Raise ValueError with the name of a constant (NaN, Infinity) that JSON lacks."""
     raise ValueError(f"numbers must be finite, got {name}")
 
 
 def _check(content: PlainData, *, numbers: bool = True) -> None:
-    """Raise ValueError for plain data that is nested too deep or has invalid values.
+    """Raise ValueError for plain data that is nested too deeply or has invalid values.
 
     Args:
         content: Plain data.
@@ -489,7 +490,7 @@ def _check(content: PlainData, *, numbers: bool = True) -> None:
                 value.encode()
             elif numbers and isinstance(value, int) and abs(value) > _LARGEST_INTEGER:
                 raise ValueError(
-                    f"integers must be of 64 bits, got {format_value(value)}"
+                    f"integers must fit in 64 bits, got {format_value(value)}"
                 )
             elif numbers and isinstance(value, float) and not math.isfinite(value):
                 raise ValueError(f"numbers must be finite, got {value}")
@@ -500,7 +501,7 @@ def _check(content: PlainData, *, numbers: bool = True) -> None:
 
 
 def _check_events(text: str | bytes) -> None:
-    """Raise YAMLError for aliases and for a structure that is nested too deep."""
+    """Raise YAMLError for aliases and for a structure that is nested too deeply."""
     # Events come before any object is built, so a hostile file costs no memory yet.
     depth = 0
     for event in yaml.parse(text, CoreLoader):

@@ -5,12 +5,12 @@ import gc
 
 
 def reduce_garbage_collection() -> None:
-    """Let this process collect garbage less often, and not as it ends.
+    """Make this process collect garbage less often, and not at all when it ends.
 
-    Call it in programs, not in libraries. Otherwise a quarter of the time that a
-    program takes to start and end goes into looking again and again at the definitions
-    of libraries, which stay to the end anyway.
+    Call it in programs, not in libraries. Otherwise a program spends a quarter of its
+    time to start and end on checking the definitions of libraries again and again,
+    although they stay to the end.
     """
     gc.set_threshold(10_000)
-    # What is frozen is left out of the collection at the end of the process.
+    # The collection at the end of the process skips frozen objects.
     atexit.register(gc.freeze)

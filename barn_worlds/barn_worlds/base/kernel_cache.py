@@ -1,10 +1,10 @@
-"""Where numba keeps compiled kernels, and when they are stale.
+"""The folder of numba's compiled kernels, and the removal of stale ones.
 
-They lie beside the source or, if it cannot be written, in a folder of the user.
+Kernels lie beside the source or, if that is not writable, in a folder of the user.
 
-numba compiles a kernel again when its own file changes, but not when the kernel calls
-one from another file that changed: old code would run on. In a source tree all compiled
-kernels go once any file with kernels, or with a type of their arguments, changes.
+numba compiles a kernel again when its own file changes, but not when it calls a kernel
+in another file that changed: old code would still run. In a source tree, a change of
+any file with kernels or types of their arguments deletes all compiled kernels.
 """
 
 import hashlib
@@ -22,10 +22,10 @@ _MARKS = (b"numba", b"barn_worlds.base.arrays", b"NamedTuple")
 
 
 def prepare(package: Path) -> None:
-    """Set NUMBA_CACHE_DIR or remove stale kernels; nothing if the user has set it.
+    """Remove stale kernels or, beside read-only source, set NUMBA_CACHE_DIR if unset.
 
-    Call this before numba is imported. A line on stderr names the folder if it is
-    neither beside the source nor in the cache of the user.
+    Call this before numba is imported. If the folder is neither beside the source nor
+    in the user's cache, a line on stderr names it.
 
     Args:
         package: Folder of the Python package barn_worlds.
@@ -52,14 +52,14 @@ def prepare(package: Path) -> None:
             folder = Path(tempfile.mkdtemp(prefix="barn_kernels_"))
         print(
             f"compiled kernels go to {folder}: "
-            f"neither {package} nor {caches} can be written",
+            f"neither {package} nor {caches} is writable",
             file=sys.stderr,
         )
     os.environ[_VARIABLE] = str(folder)
 
 
 def kernel_digest(packages: list[Path]) -> str:
-    """Return a hex digest of the .py files with any of `_MARKS` below some folders."""
+    """Return a hex digest of the .py files below some folders that concern kernels."""
     digest = hashlib.blake2b(digest_size=8)
     for path in _find_sources(packages):
         content = path.read_bytes()
@@ -104,7 +104,7 @@ def _find_sources(packages: list[Path]) -> Iterator[Path]:
 
 
 def _is_private(folder: Path) -> bool:
-    """Create a folder; tell whether only this user can write to it and its parent."""
+    """Create a folder; tell whether this user alone can write to it and its parent."""
     with suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         if not os.access(folder, os.W_OK):

@@ -64,7 +64,7 @@ class Pose2D:
     yaw: float
 
     def __matmul__(self, inner: "Pose2D") -> "Pose2D":
-        """Return a pose relative to this pose in the reference frame of this pose."""
+        """Return `inner`, a pose in this pose's frame, in the reference frame of this."""
         cos = math.cos(self.yaw)
         sin = math.sin(self.yaw)
         return Pose2D(
@@ -97,7 +97,7 @@ class Pose2D:
         return math.hypot(self.x - other.x, self.y - other.y)
 
     def through_quaternion(self) -> "Pose2D":
-        """Return the pose with its yaw rounded as by a message's quaternion.
+        """Return the pose as a message carries it, with its yaw as a quaternion.
 
         A quaternion does not keep the last bit of the yaw.
         """
@@ -116,7 +116,7 @@ class Velocity2D:
     """Yaw rate in rad/s."""
 
     def is_finite(self) -> bool:
-        """Tell whether neither number is infinite or NaN."""
+        """Tell whether both numbers are finite."""
         return math.isfinite(self.linear) and math.isfinite(self.angular)
 
 
@@ -163,9 +163,9 @@ class Scan:
 
     @property
     def shortest_return_m(self) -> float:
-        """Shortest range that is a return; all planners ignore what is below.
+        """Shortest range in m that counts as a return; planners ignore shorter ones.
 
-        Many lidars report 0 for nothing in range, whatever their range_min is.
+        Many lidars report 0 if nothing is in range, whatever their range_min is.
         """
         if self.range_min > 0.0:
             return self.range_min

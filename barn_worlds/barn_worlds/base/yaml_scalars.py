@@ -1,7 +1,7 @@
-"""What a scalar in YAML means: true, 10, 1e-3 or a text, to whoever reads the file.
+"""YAML loaders that read scalars such as 10, 1e-3 and yes as other programs do.
 
-PyYAML reads YAML 1.1, to which `no` is false, 10:20 is 620 and 5e-1 is a text. Files of
-the suite are read as YAML 1.2 says, others as the programs read them that they are for.
+PyYAML reads YAML 1.1, in which `no` is false, 10:20 is 620 and 5e-1 is a text. The
+suite's own files are read as YAML 1.2, others as the programs do that use them.
 """
 
 import re
@@ -22,14 +22,14 @@ else:
 
 
 class TextLoader(_Base):
-    """Safe loader to which every scalar is a text."""
+    """Safe loader that reads every scalar as text."""
 
 
 class CoreLoader(_Base):
     """Safe loader of the core schema of YAML 1.2."""
 
     def construct_integer(self, node: yaml.ScalarNode) -> int:
-        """Return an integer: 010 is ten, 0o10 is eight, 0x10 is sixteen."""
+        """Return an integer by YAML 1.2: 010 is ten, 0o10 eight, 0x10 sixteen."""
         text = self.construct_scalar(node)
         return int(text, 0 if text.startswith(("0o", "0x")) else 10)
 
@@ -38,14 +38,14 @@ class RosLoader(_Base):
     """Safe loader of ROS parameter files, by the rules of rcl_yaml_param_parser."""
 
     def construct_flag(self, node: yaml.ScalarNode) -> bool:
-        """Return whether a word stands for true; ValueError if it stands for none."""
+        """Return True or False for a word such as yes or off; else ValueError."""
         text = self.construct_scalar(node)
         if text not in TRUE | FALSE:
             raise ValueError(f"{text!r:.60} is neither true nor false")
         return text in TRUE
 
     def construct_integer(self, node: yaml.ScalarNode) -> int:
-        """Return an integer as C reads it: 010 is eight, 0x10 is sixteen."""
+        """Return an integer as C reads it: 010 is eight, 0x10 sixteen."""
         text = self.construct_scalar(node)
         if re.fullmatch("[-+]?0[0-7]+", text):
             return int(text, 8)
@@ -53,14 +53,11 @@ class RosLoader(_Base):
 
 
 class Dumper(yaml.SafeDumper):
-    """Safe dumper that quotes each text that any of the loaders reads as another."""
+    """Safe dumper that quotes text that a loader would read as something else."""
 
 
 def parse_numbers(value: Any) -> Any:
-    """Return numbers that yaml-cpp reads from a text or from texts in a list.
-
-    Anything else stays as it is.
-    """
+    """Return text as float where yaml-cpp would, also in lists; anything else as is."""
     if isinstance(value, list):
         return [parse_numbers(item) for item in value]
     if isinstance(value, str) and re.fullmatch(f"{_FLOAT}|{_INFINITY}", value):
@@ -69,28 +66,25 @@ def parse_numbers(value: Any) -> Any:
 
 
 def parse_flag(text: str) -> int | str:
-    """Return the number or the flag, as 0 or 1, that yaml-cpp reads from a text.
-
-    Other texts stay as they are.
-    """
+    """Return a flag of yaml-cpp as 0 or 1, an integer as int, any other text as is."""
     if text in TRUE | FALSE:
         return int(text in TRUE)
     return int(text) if re.fullmatch("[-+]?[0-9]{1,9}", text) else text
 
 
-# Each begins without the rules of YAML 1.1.
+# Remove the rules of YAML 1.1.
 for _loader in (TextLoader, CoreLoader, RosLoader):
     _loader.yaml_implicit_resolvers = {}
 
 
 def _declare(loader: Any, name: str, pattern: str, constructor: Any = None) -> None:
-    """Let a loader read plain scalars that fit a pattern as what the name says."""
+    """Make a loader read scalars of a pattern as type `name`, and the dumper quote."""
     tag = _TAG + name
     expression = re.compile(rf"(?:{pattern})\Z")
     loader.add_implicit_resolver(tag, expression, None)
     if constructor:
         loader.add_constructor(tag, constructor)
-    # No text has this tag, so that the dumper quotes those that fit.
+    # No text has this tag, so the dumper quotes texts that fit the pattern.
     Dumper.add_implicit_resolver(f"{_TAG}{name}.other", expression, None)
 
 

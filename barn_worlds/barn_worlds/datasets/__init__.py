@@ -1,1 +1,1 @@
-"""Data sets of worlds: opening shipped and own ones, and generating new ones."""
+"""Data sets of worlds: opens shipped ones and yours, and generates new ones."""

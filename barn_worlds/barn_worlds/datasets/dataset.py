@@ -18,12 +18,12 @@ from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.course import draw_routes, fit_to_robot, scale_to_robot
 from barn_worlds.worlds.world import World
 
-# Data set whose worlds every robot meets in its own size.
+# Data set whose worlds are scaled to the size of each robot.
 MANEUVERS = "maneuvers"
 # Worlds of a data set that stay in memory.
 MAX_CACHED_WORLDS = 2000
 _MAX_QUOTED_CHARACTERS = 300
-# Of a folder with files of several kinds, the first kind that occurs is the worlds.
+# If a folder has files of several kinds, those of the first kind are its worlds.
 _FOLDER_KINDS = (
     (ENDING,),
     single.GAZEBO_ENDINGS,
@@ -31,7 +31,7 @@ _FOLDER_KINDS = (
     (".map",),
     (".npy",),
 )
-# Files beside the .npy grids of the original data set that are no worlds.
+# Files beside the .npy grids of the original data set that are not worlds.
 _COMPANION_FILES = ("path_", "cspace_", "metrics_")
 
 
@@ -42,14 +42,14 @@ class Dataset:
     name: str
     # Functions that read the worlds, by number.
     readers: Mapping[int, Callable[[], World]]
-    # Of a data set in the suite's own format, else empty.
+    # Manifest of a data set in the suite's own format, else empty.
     manifest: Mapping[str, Any] = field(default_factory=dict)
-    # Readers of whole maps, where the worlds are routes that files of maps name.
+    # Readers of whole maps, if the worlds are routes that the map files name.
     maps: Mapping[int, Callable[[], World]] = field(default_factory=dict)
     _cache: dict[int, World] = field(default_factory=dict, init=False, repr=False)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state to pickle, without the worlds that are loaded."""
+        """Return the state to pickle, without the loaded worlds."""
         # Other processes read the worlds themselves: that is faster than unpickling.
         return {**self.__dict__, "_cache": {}}
 
@@ -93,9 +93,10 @@ class Dataset:
         return fit_to_robot(self.load_scaled(world_number, robot), robot, course)
 
     def load_scaled(self, world_number: int, robot: Robot) -> World:
-        """Return a world by number, of some shipped data sets in the size of a robot.
+        """Return a world by number, scaled to a robot if its data set allows it.
 
-        That is each maneuver, and each world for any robot if it is too narrow.
+        Every maneuver has the robot's size. A world of another shipped data set is
+        scaled up, with a note, only if it is too narrow for the robot.
 
         Raises:
             WorldError: As `load`.
@@ -108,8 +109,8 @@ class Dataset:
         scaled = scale_to_robot(world, robot)
         if scaled is not world:
             note(
-                f"{self.name}: scaled to cells of {scaled.resolution_m:g} m, as robot "
-                f"{robot.name} is wider than its passages"
+                f"{self.name}: scaled to cells of {scaled.resolution_m:g} m, because "
+                f"robot {robot.name} is wider than its passages"
             )
         return scaled
 
@@ -120,15 +121,16 @@ class Dataset:
         count: int = 0,
         seed: int = 0,
     ) -> dict[int, World]:
-        """Return a world per route, numbered in the order of worlds and routes.
+        """Return a world for each course and each drawn route in each world, from 0.
 
-        Routes that the files of maps name are left out.
+        The numbers follow the order of worlds, then routes. Routes that map files name
+        are left out.
 
         Args:
             robot: Robot that drives.
             courses: Start and goal of each route, as numbers for `parse_course`.
-            count: Number of routes to draw in each world, after those of `courses`.
-            seed: Another seed draws other routes.
+            count: Number of routes to draw in each world, in addition to `courses`.
+            seed: Seed of the draw.
 
         Raises:
             WorldError: If a course cannot be driven, or a world has too few routes.
@@ -150,10 +152,10 @@ class Dataset:
     def require_fit(self, robot: Robot, world_numbers: Iterable[int]) -> None:
         """Raise WorldError if a robot is too large for worlds made for another one.
 
-        Data sets whose manifest names no robot, such as barn300, are scaled for it.
+        Data sets whose manifest names no robot, such as barn300, pass: they are scaled.
 
         Args:
-            robot: Compared with the one that the manifest names.
+            robot: Robot to compare with the one that the manifest names.
             world_numbers: Numbers of the worlds that it would drive in.
         """
         intended_robot = self.manifest.get("robot")
@@ -168,14 +170,14 @@ class Dataset:
                     f"{self.name} is made for robot {intended_robot}, with paths for "
                     f"{planned_cells} x {planned_cells} cells of "
                     f"{world.resolution_m:g} m: "
-                    f"robot {robot.name} takes {needed_cells} x {needed_cells}; "
-                    f"name one that fits, such as {intended_robot}, or make worlds: "
+                    f"robot {robot.name} takes {needed_cells} x {needed_cells}; use a "
+                    f"robot that fits, such as {intended_robot}, or generate worlds: "
                     "barn worlds generate FILE.npz --robot ROBOT"
                 )
 
     @cached_property
     def checksum(self) -> str:
-        """SHA-256 (hex) of all worlds and their numbers; loads every world."""
+        """SHA-256 (hex) of all worlds and their numbers; computing it loads all."""
         lines = (
             f"{world_number} {self.load(world_number).checksum}\n"
             for world_number in self.world_numbers
@@ -190,10 +192,10 @@ def dataset_files() -> dict[str, Path]:
 
 
 def open_dataset(source: str | Path, robot: Robot = STANDARD_ROBOT) -> Dataset:
-    """Return the data set of a shipped name, file or folder; worlds are read later.
+    """Return the data set with a shipped name or at a path; worlds are read later.
 
     A world has the number in its file's name. If a number is missing or not unique,
-    files are numbered from 0 in order of name.
+    files are numbered from 0 in order of their names.
 
     Args:
         source: The name of a shipped data set (barn300), a data set file (.npz), a
@@ -201,14 +203,14 @@ def open_dataset(source: str | Path, robot: Robot = STANDARD_ROBOT) -> Dataset:
             gzipped or not), of the suite's YAML (.world.yaml), of .npy grids, of
             map_server maps (.yaml) or of MovingAI maps (.map), or one such file. A
             folder may also hold one data set file.
-        robot: Its footprint is used to plan paths if the source has neither paths nor a
-            footprint.
+        robot: Robot whose footprint is used to plan paths if the source has neither
+            paths nor a footprint.
 
     Raises:
         WorldError: If the source is no data set or cannot be read.
     """
     if not isinstance(source, (str, Path)):
-        raise WorldError(f"a data set is a name or path, got {format_value(source)}")
+        raise WorldError(f"data set must be a name or path, got {format_value(source)}")
     # A shipped name wins over a file of the same name.
     shipped_file = dataset_files().get(str(source))
     if shipped_file is not None:
@@ -235,11 +237,11 @@ def open_dataset(source: str | Path, robot: Robot = STANDARD_ROBOT) -> Dataset:
 
     if not dataset.readers:
         raise WorldError(
-            f"{source}: has no worlds; their files end in "
+            f"{source}: contains no worlds; world files end in "
             f"{', '.join(single.ENDINGS)} or .npz"
         )
     if dataset.name in dataset_files():
-        # Its worlds may be others than the suite's.
+        # Its worlds may differ from the suite's.
         return replace(dataset, name=f"own_{dataset.name}")
     return dataset
 
@@ -261,7 +263,7 @@ def _open_folder(path: Path, robot: Robot) -> Dataset:
 
     candidates = [file for file in files if not file.name.startswith(_COMPANION_FILES)]
     world_files: list[Path] = []
-    # A folder of Gazebo worlds may have maps and grids of the same worlds beside them.
+    # A folder of Gazebo worlds may also have maps and grids of the same worlds.
     for endings in _FOLDER_KINDS:
         world_files = [file for file in candidates if single.ending(file) in endings]
         if world_files and endings == single.MAP_ENDINGS:
@@ -273,7 +275,7 @@ def _open_folder(path: Path, robot: Robot) -> Dataset:
 
 
 def _open_worlds(name: str, files: Sequence[Path], robot: Robot) -> Dataset:
-    """Return the data set of files of one world, or of maps with routes, each."""
+    """Return a data set with one world per file, or one per route if maps have any."""
     numbers = [single.number_in(file) for file in files]
     is_unique = None not in numbers and len(set(numbers)) == len(files)
     readers: dict[int, Callable[[], World]] = {}
@@ -310,27 +312,27 @@ _PART = re.compile(r"(\d{1,9})(?:-(\d{1,9})|:(\d{1,9})(?::(\d{1,9}))?)?")
 def select_worlds(
     spec: str | int | Iterable[int], world_numbers: Iterable[int]
 ) -> list[int]:
-    """Return the numbers that a selection ("0-49,60", "all") names, each once.
+    """Return the numbers that a selection ("0-49,60", "all") names, in its order.
 
-    They are in the order of the selection.
+    Each number occurs once.
 
     Args:
         spec: "7" must exist. The ranges "0-49" (both ends included) and "0:300:6" (like
             a Python range, end excluded) select the numbers that exist, at least one;
-            if the data set's numbers have no gaps, all must exist. "1,4,7-9" joins,
-            "all" is all. Numbers may also come as such (`format_selection`).
+            if the data set's numbers have no gaps, all must exist. "1,4,7-9" is a list,
+            "all" is every world. Plain numbers are allowed too (`format_selection`).
         world_numbers: Numbers to select from.
 
     Raises:
-        WorldError: If the selection has another form or names what does not exist.
+        WorldError: If the selection has another form or names a missing world.
     """
     numbers = sorted(set(world_numbers))
     spec = format_selection(spec)
     if not isinstance(spec, str):
-        raise WorldError(f"worlds must be numbers or a text, got {format_value(spec)}")
+        raise WorldError(f"worlds must be numbers or text, got {format_value(spec)}")
     if len(spec) > LONGEST_SPEC:
         raise WorldError(
-            f"selection of worlds must have at most {LONGEST_SPEC} characters, "
+            f"a selection of worlds must have at most {LONGEST_SPEC} characters, "
             f"got {len(spec)}"
         )
     if not numbers:
@@ -347,7 +349,7 @@ def select_worlds(
 
 
 def _select_part(part: str, numbers: Sequence[int]) -> Iterator[int]:
-    """Yield the existing numbers of one part; WorldError if it names none or a gap."""
+    """Yield the existing numbers of one part; WorldError if it names a missing one."""
     if part == "all":
         yield from numbers
         return
@@ -355,8 +357,8 @@ def _select_part(part: str, numbers: Sequence[int]) -> Iterator[int]:
     match = _PART.fullmatch(part)
     if match is None:
         raise WorldError(
-            f"{part!r:.40} is not a number, first-last, start:stop or start:stop:step, "
-            "several joined by commas, or all"
+            f"{part!r:.40} must be a number, first-last, start:stop, start:stop:step, "
+            "several of these joined by commas, or all"
         )
     first, last, stop, step = match.groups()
     if step and not int(step):

@@ -1,4 +1,4 @@
-"""Generating worlds and whole data sets from a seed (paper, Sec. III-A)."""
+"""Generates worlds and whole data sets from a seed (paper, Sec. III-A)."""
 
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -28,36 +28,36 @@ NARROWNESS = (
     "C-space cell"
 )
 
-# Takes the number of worlds so far and of all.
+# Takes the number of worlds so far and the total.
 Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
 class WorldParameters(Checked):
-    """What a world is generated with (paper, Sec. III-A and Table I)."""
+    """Parameters that generate a world (paper, Sec. III-A and Table I)."""
 
-    initial_fill: float = quantity(0.20, "initial share of filled cells", "", 0.0, 1.0)
+    initial_fill: float = quantity(0.20, "share of cells filled at first", "", 0.0, 1.0)
     smoothing_iterations: int = quantity(
         3, "iterations of the cellular automaton", "", 0, 100
     )
     fill_threshold: int = quantity(
-        5, "filled neighbors that make a cell filled, at least", "", 0, 9
+        5, "fewest filled neighbors that fill a cell", "", 0, 9
     )
     clear_threshold: int = quantity(
-        1, "filled neighbors that make a cell free, at most", "", -1, 8
+        1, "most filled neighbors that clear a cell", "", -1, 8
     )
     rows: int = quantity(
-        30, "cells across, side walls included", "", 3, LARGEST_GENERATED_SIDE
+        30, "cells across, including the side walls", "", 3, LARGEST_GENERATED_SIDE
     )
     cols: int = quantity(
         30, "cells along the driving direction", "", 2, LARGEST_GENERATED_SIDE
     )
     resolution_m: float = quantity(0.15, "size of a cell", "m", 0.01, 10.0)
     footprint_cells: int = quantity(
-        5, "odd side of the robot's square footprint", "", 1, 101
+        5, "side of the robot's square footprint in cells, odd", "", 1, 101
     )
     attempts: int = quantity(
-        1_000_000, "grids tried until one has a way through", "", 1, 10_000_000
+        1_000_000, "most grids to try until one has a path", "", 1, 10_000_000
     )
 
     def __post_init__(self) -> None:
@@ -80,27 +80,25 @@ TABLE_I: tuple[WorldParameters, ...] = tuple(
 
 @dataclass(frozen=True)
 class DatasetParameters(Checked):
-    """What a data set is generated with, by default the shipped barn300."""
+    """Parameters that generate a data set; the defaults make the shipped barn300."""
 
     name: str = quantity("barn300", "name of the data set")
     seed: int = quantity(2020, "seed of all randomness", "", 0, 2**63 - 1)
     worlds_per_set: int = quantity(
-        25, "worlds made with each parameter set", "", 1, MAX_WORLDS
+        25, "worlds to generate with each parameter set", "", 1, MAX_WORLDS
     )
     keep: int = quantity(
         0,
-        "number of worlds to keep, evenly spread over their order; 0: all",
+        "number of worlds to keep, spread evenly over their order; 0: all",
         "",
         0,
         MAX_WORLDS,
     )
-    robot: str = quantity(
-        "", "robot that the worlds are made for, if it is not the Jackal"
-    )
+    robot: str = quantity("", "robot that the worlds are for, if not the Jackal")
     sets: tuple[WorldParameters, ...] = TABLE_I
 
     def __post_init__(self) -> None:
-        """Raise ConfigError unless 1 to 100,000 worlds are made, `keep` or more."""
+        """Raise ConfigError unless 1 to 100,000 worlds, and at least `keep`, result."""
         super().__post_init__()
         if not 1 <= self.world_count <= MAX_WORLDS:
             raise ConfigError(
@@ -125,7 +123,7 @@ def generate_world(
     *,
     seed: tuple[int, ...] = (),
 ) -> World:
-    """Return the first random world with a path through it, all drawn from `generator`.
+    """Draw grids from `generator` and return the first that has a path, as a world.
 
     Args:
         parameters: Cellular automaton, size and footprint.
@@ -156,7 +154,7 @@ def generate_world(
         f"no passable world in {parameters.attempts} attempts with "
         f"initial_fill {parameters.initial_fill:g} and "
         f"footprint_cells {parameters.footprint_cells}; "
-        "fill less, or allow more attempts"
+        "lower initial_fill or raise attempts"
     )
 
 
@@ -207,7 +205,7 @@ def narrowness(world: World) -> float:
 def generate_ranked_dataset(
     parameters: DatasetParameters, progress: Progress | None = None
 ) -> tuple[list[World], WorldOrder]:
-    """Generate worlds; return those that `keep` selects, and their narrowness.
+    """Generate worlds; return those that `keep` selects and their narrowness scores.
 
     The widest and the narrowest world are always kept.
 
@@ -231,7 +229,7 @@ def renumber(worlds: Sequence[World], order: WorldOrder) -> dict[int, World]:
     """Return copies of the worlds, numbered and named from 0 in rising order of score.
 
     Args:
-        worlds: The worlds; they are named world_0, world_1 and so on.
+        worlds: The worlds; their copies are named world_0, world_1 and so on.
         order: One score per world.
 
     Raises:
@@ -254,7 +252,7 @@ def write_dataset(
     parameters: DatasetParameters | None = None,
     progress: Progress | None = None,
 ) -> None:
-    """Generate a data set; write it as .npz and its manifest, .manifest.json, beside.
+    """Generate a data set; write it as .npz, with its .manifest.json beside it.
 
     `write_dataset(Path("barn300.npz"))` makes the worlds that the package ships.
 
@@ -297,7 +295,7 @@ def write_ordered(
         name: Name of the data set.
         worlds: In the order of the scores.
         order: One score per world.
-        entries: More entries of the manifest, beside the order.
+        entries: Further entries of the manifest.
     """
     numbered = renumber(worlds, order)
     # `renumber` has sorted the worlds by these scores.
@@ -328,17 +326,16 @@ def automaton_grids(
 
 @njit(cache=True)
 def smooth(grid: BoolGrid, fill_threshold: int, clear_threshold: int) -> BoolGrid:
-    """Return a new grid, one iteration of the cellular automaton later.
+    """Return a new grid after one iteration of the cellular automaton.
 
     Cells above the first and below the last row count as filled, corners included.
     Cells beside the first and the last column count as free.
 
     Args:
         grid: (rows, cols), True where filled.
-        fill_threshold: A cell with at least so many filled cells among its 8 neighbors
-            is filled.
-        clear_threshold: A cell with at most so many is cleared; any other stays as it
-            is.
+        fill_threshold: A cell with at least this many filled cells among its 8
+            neighbors is filled.
+        clear_threshold: A cell with at most this many is cleared; all others stay.
     """
     rows, cols = grid.shape
     smoothed = np.empty((rows, cols), np.bool_)

@@ -1,6 +1,6 @@
-"""Generating worlds in which obstacles move, from a seed.
+"""Generates worlds with moving obstacles from a seed.
 
-They are arenas like those of DynaBARN, or other worlds with motions added.
+They are arenas like those of DynaBARN, or other worlds with obstacles added.
 """
 
 import dataclasses
@@ -47,17 +47,17 @@ _CROSSING_KEY = 4
 
 @dataclass(frozen=True)
 class MotionParameters(Checked):
-    """What the motions of a class are generated with; ranges include both ends.
+    """Parameters that generate the motions of a class; ranges include both ends.
 
-    Speeds are on a grid. A profile has a mean speed and a spread, both drawn uniformly;
-    each piece of it has a speed from the normal distribution with these, at least one
-    step of the grid.
+    Speeds are multiples of a step. A profile has a mean speed and a spread, both drawn
+    uniformly. The speed of each of its pieces is drawn from the normal distribution
+    with these and is at least one step.
     """
 
     difficulty: str = quantity("easy", "name of the class")
-    profiles: int = quantity(200, "motions to draw from", "", 1, 10_000)
-    obstacles_min: int = quantity(5, "fewest obstacles of a world", "", 1, 500)
-    obstacles_max: int = quantity(14, "most obstacles of a world", "", 1, 500)
+    profiles: int = quantity(200, "number of motions to draw from", "", 1, 10_000)
+    obstacles_min: int = quantity(5, "fewest obstacles in a world", "", 1, 500)
+    obstacles_max: int = quantity(14, "most obstacles in a world", "", 1, 500)
     order_min: int = quantity(1, "lowest order of a polynomial", "", 1, 5)
     order_max: int = quantity(2, "highest order of a polynomial", "", 1, 5)
     points_min: int = quantity(
@@ -72,7 +72,9 @@ class MotionParameters(Checked):
     speed_max_mps: float = quantity(
         0.9, "highest mean speed of a profile", "m/s", 0.05, 10.0
     )
-    speed_step_mps: float = quantity(0.1, "grid of speeds", "m/s", 0.01, 1.0)
+    speed_step_mps: float = quantity(
+        0.1, "step of which all speeds are multiples", "m/s", 0.01, 1.0
+    )
     spread_min_mps: float = quantity(
         0.0, "smallest standard deviation of a profile's speeds", "m/s", 0.0, 5.0
     )
@@ -80,7 +82,7 @@ class MotionParameters(Checked):
         0.08, "largest standard deviation of a profile's speeds", "m/s", 0.0, 5.0
     )
     samples: int = quantity(
-        10, "values of x at which a polynomial is sampled", "", 2, 1000
+        10, "number of x values at which a polynomial is sampled", "", 2, 1000
     )
     radius_m: float = quantity(0.5, "radius of obstacles", "m", 0.01, 10.0)
     height_m: float = quantity(1.0, "height of obstacles", "m", 0.01, 100.0)
@@ -112,19 +114,19 @@ def motion_class(name: str) -> MotionParameters:
     """Return the parameters of a motion class by name; ConfigError if there is none."""
     if name not in MOTION_CLASSES:
         hint = suggest(name, MOTION_CLASSES)
-        raise ConfigError(f"unknown class {name!r:.60}{hint}")
+        raise ConfigError(f"unknown class of motions {name!r:.60}{hint}")
     return MOTION_CLASSES[name]
 
 
 def build_arena(
     name: str, moving: Sequence[MovingObstacle], provenance: Provenance | None = None
 ) -> World:
-    """Return an arena of DynaBARN with moving obstacles and a straight path.
+    """Return a DynaBARN arena with moving obstacles and a straight path.
 
     Args:
         name: Name of the world.
-        moving: What moves in it.
-        provenance: Where the obstacles come from.
+        moving: Its moving obstacles.
+        provenance: Source of the obstacles.
     """
     start_row, goal_row = (
         round((x - _CORNER_M[0]) / _CELL_M - 0.5) for x in (START_M[0], GOAL_M[0])
@@ -149,7 +151,7 @@ def build_arena(
 def generate_arenas(
     parameters: MotionParameters, worlds: int, seed: int
 ) -> list[World]:
-    """Return random arenas of DynaBARN with moving obstacles of one class.
+    """Return random DynaBARN arenas with moving obstacles of one class.
 
     Profile k comes from SeedSequence(seed, spawn_key=(0, k)), world k from spawn_key
     (1, k), so neither depends on how many others there are. The obstacles of a world
@@ -186,13 +188,13 @@ def generate_arenas(
 def add_motion(
     world: World, parameters: MotionParameters, seed: int, obstacles: int | None = None
 ) -> World:
-    """Return a copy of a world with more obstacles, which move on random polynomials.
+    """Return a copy of a world with added obstacles that move on random polynomials.
 
     They pass through the obstacles of its grid, as DynaBARN's pass through walls. They
-    stay out of the lead-in, so that the start stays free.
+    stay out of the lead-in, so the start stays free.
 
     Args:
-        world: What moves in it already stays.
+        world: World to copy. It keeps its moving obstacles.
         parameters: The class of motions.
         seed: Seed of all randomness.
         obstacles: Number of obstacles. By default it is drawn from the class.
@@ -211,15 +213,15 @@ def add_motion(
 def add_crossings(
     world: World, parameters: MotionParameters, seed: int, obstacles: int | None = None
 ) -> World:
-    """Return a copy of a world with more obstacles, which cross its path to and fro.
+    """Return a copy of a world with added obstacles that cross its path back and forth.
 
     Each moves straight from one side of the field to the other and back without a rest,
-    square to the direction from start to goal. Its place on the path, speed, side and
-    phase are random.
+    perpendicular to the direction from start to goal. Its place on the path, speed,
+    side and phase are random.
 
     Args:
-        world: What moves in it already stays.
-        parameters: The class, which gives the speeds.
+        world: World to copy. It keeps its moving obstacles.
+        parameters: The class of motions, for the speeds.
         seed: Seed of all randomness.
         obstacles: Number of obstacles. By default it is drawn from the class.
     """
@@ -249,7 +251,7 @@ def add_crossings(
 
 
 def _field(world: World) -> tuple[float, float, float, float]:
-    """Return x_min, y_min, x_max, y_max in m of where obstacles move, no lead-in."""
+    """Return x_min, y_min, x_max, y_max in m of the area without the lead-in."""
     if world.corner_m is not None:
         return -_HALF_M, -_HALF_M, _HALF_M, _HALF_M
     left, _, right, above = world.bounds_m
@@ -259,7 +261,7 @@ def _field(world: World) -> tuple[float, float, float, float]:
 def _obstacle_count(
     parameters: MotionParameters, seed: int, obstacles: int | None
 ) -> int:
-    """Return `obstacles` or, if None, a number in the class's range, drawn by seed."""
+    """Return `obstacles` or, if None, a random number in the class's range, by seed."""
     if obstacles is not None:
         return obstacles
     generator = _generator(seed, _COUNT_KEY)
@@ -272,7 +274,7 @@ def _add_obstacles(
     parameters: MotionParameters,
     seed: tuple[int, ...],
 ) -> World:
-    """Return a copy of a world with more moving obstacles, noted in its provenance."""
+    """Return a copy of a world with moving obstacles added, noted in its provenance."""
     provenance = dataclasses.replace(
         world.provenance,
         parameters={**world.provenance.parameters, "motion": as_dict(parameters)},
@@ -286,7 +288,7 @@ def _add_obstacles(
 def _generate_profile(
     parameters: MotionParameters, seed: int, number: int
 ) -> MovingObstacle:
-    """Return moving obstacle `number` of a class, from a random stream of its own."""
+    """Return random moving obstacle `number` of a class; depends on seed and number."""
     generator = _generator(seed, _PROFILE_KEY, number)
     points = _polynomial_points(parameters, generator)
     return _drive_through(points, parameters, generator, number)
@@ -312,18 +314,17 @@ def _polynomial_points(
 
     Raises WorldError if 1000 polynomials in a row are undetermined or too short.
 
-    The polynomial is fitted to random points with whole meters (through them, if there
-    is one more than its order). The motion follows it from its first to its last
-    crossing of the border, through samples at fixed x that lie inside, and through the
-    random points themselves. Where the polynomial leaves the arena, the motion cuts
-    short.
+    The polynomial is fitted to random points in whole meters (it passes through them if
+    there is one more than its order). The motion follows it from its first to its last
+    crossing of the border, through the samples at fixed x that lie inside and through
+    the random points. It skips the parts where the polynomial leaves the arena.
     """
     for _ in range(_ATTEMPTS):
         order = _integer(generator, parameters.order_min, parameters.order_max)
         count = _integer(generator, parameters.points_min, parameters.points_max)
         shape = (max(order + 1, count), 2)
         random_points = np.floor(generator.random(shape) * (SIDE_M + 1.0)) - _HALF_M
-        # Fewer different x than coefficients do not determine the polynomial.
+        # A polynomial needs as many different x as it has coefficients.
         if len(set(random_points[:, 0].tolist())) <= order:
             continue
 
@@ -353,7 +354,7 @@ def _polynomial_points(
 
 
 def _border_crossings(coefficients: Floats) -> Floats:
-    """Return least and greatest x in m of a polynomial on the border, or (0,)."""
+    """Return least and greatest x in m where a polynomial meets the border, or (0,)."""
     crossings = [
         x for x in (-_HALF_M, _HALF_M) if abs(np.polyval(coefficients, x)) <= _HALF_M
     ]
@@ -394,7 +395,7 @@ def _drive_through(
         # At least one step of the times in DynaBARN's files.
         time_s += max(distance_m / speed, 0.01)
         key_s = round(time_s, 2)
-        # Keys of the same rounded time would be no motion.
+        # Two keys must not have the same rounded time.
         if key_s > previous_key_s:
             keys.append((key_s, *_round_point(point)))
         previous_key_s = key_s
@@ -417,17 +418,17 @@ def _speed_on_grid(speed: float, parameters: MotionParameters) -> float:
 
 
 def _integer(generator: np.random.Generator, low: int, high: int) -> int:
-    """Return a random integer from low to high, both included, by one draw."""
+    """Draw and return a random integer from low to high, both included."""
     return low + int(generator.random() * (high - low + 1))
 
 
 def _uniform(generator: np.random.Generator, low: float, high: float) -> float:
-    """Return a random number from low, included, to high, excluded, by one draw."""
+    """Draw and return a random number from low (included) to high (excluded)."""
     return low + (high - low) * float(generator.random())
 
 
 def _normal(generator: np.random.Generator) -> float:
-    """Return a number from the standard normal distribution, by Box and Muller."""
+    """Draw and return a number from the standard normal distribution (Box-Muller)."""
     first, second = generator.random(2).tolist()
     radius = math.sqrt(-2.0 * math.log(1.0 - first))
     return radius * math.cos(2.0 * math.pi * second)

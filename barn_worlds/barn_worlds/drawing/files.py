@@ -1,4 +1,4 @@
-"""Figures and animations as content of files, the same bytes every time."""
+"""Figures and animations as the content of files, with the same bytes every time."""
 
 import io
 from collections.abc import Iterator
@@ -30,16 +30,16 @@ def figure_bytes(
     """Return a figure as the bytes of a PNG, SVG or PDF file, the same every time.
 
     Args:
-        figure: Saved in its own size in inches.
+        figure: Figure to save in its own size in inches.
         kind: Format: png, svg or pdf.
-        dots_per_inch: Resolution of pixels.
+        dots_per_inch: Resolution of the pixels.
         tight: Whether to cut off empty margins.
     """
     if kind == "png":
         # The renderer of pixels, which needs no display.
         FigureCanvasAgg(figure)
     content = io.BytesIO()
-    # Else the identifiers in an SVG file would be drawn at random.
+    # Without this salt the identifiers in an SVG file would be random.
     with rc_context({"svg.hashsalt": "barn"}):
         figure.savefig(
             content,
@@ -55,7 +55,7 @@ def write_png(figure: Figure, path: Path) -> None:
     """Write a figure as PNG without empty margins, atomically.
 
     Args:
-        figure: Its content decides the size.
+        figure: Figure to write. Its content decides the size.
         path: File to write; its ending does not matter.
     """
     write_bytes(path, figure_bytes(figure, tight=True))

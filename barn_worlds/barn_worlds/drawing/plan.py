@@ -1,4 +1,4 @@
-"""A world as a plan to build it by: overview, coordinates, and tiles to scale as PDF."""
+"""The plan for building a world: tiles to scale, overview and coordinates as PDF."""
 
 import io
 import math
@@ -36,16 +36,16 @@ _COLUMNS = 5
 
 @dataclass(frozen=True)
 class PlanConfig(Checked):
-    """What a course is built of, and how its plan is printed."""
+    """The parts that a course is built from, and the print of its plan."""
 
-    shape: str = quantity("post", "what stands in a cell", choices=("post", "box"))
+    shape: str = quantity("post", "object in a filled cell", choices=("post", "box"))
     size_m: float = quantity(
         0.15, "diameter of a post or side of a box", "m", 0.01, 10.0
     )
     tolerance_m: float = quantity(
-        0.01, "how far each may stand from its place", "m", 0.001, 0.1
+        0.01, "largest allowed distance of each from its place", "m", 0.001, 0.1
     )
-    scale: int = quantity(10, "scale of the tiles, 10 for 1:10", "", 1, 100)
+    scale: int = quantity(10, "scale of the tiles; 10 means 1:10", "", 1, 100)
     paper: str = quantity("a4", "size of the pages", choices=tuple(PAPERS))
 
 
@@ -61,10 +61,10 @@ class CoursePlan:
     config: PlanConfig
 
     def __post_init__(self) -> None:
-        """Raise WorldError for a world that cannot be built of such parts."""
+        """Raise WorldError if obstacles move, or parts are larger than a cell."""
         world = self.world
         if world.moving:
-            raise WorldError(f"{world.name}: what moves in it cannot be built")
+            raise WorldError(f"{world.name}: its moving obstacles cannot be built")
         if self.config.size_m > world.resolution_m:
             raise WorldError(
                 f"{world.name}: size_m must be at most a cell, {world.resolution_m:g} m,"
@@ -79,7 +79,7 @@ class CoursePlan:
         """
         content = io.BytesIO()
         with PdfPages(content, metadata={"CreationDate": None}) as pages:
-            # The tiles first say whether they are too many.
+            # The tiles come first, because they raise if there are too many.
             for figures in (self._tiles(), [self._overview()], self._tables()):
                 for figure in figures:
                     pages.savefig(figure)
@@ -113,7 +113,7 @@ class CoursePlan:
         axes.grid(linewidth=0.3, color=FAINT)
 
     def _overview(self) -> Figure:
-        """Return the first page: the whole course, its parts and what to do."""
+        """Return the page with the whole course, its parts and instructions."""
         figure = self._page(f"{self.world.name}: plan of the course")
         axes = figure.add_axes((0.07, 0.05, 0.5, 0.87))
         self._draw(axes, *self._extent())
@@ -140,14 +140,14 @@ class CoursePlan:
         return figure
 
     def _tables(self) -> Iterator[Figure]:
-        """Yield pages with number, x and y of each center."""
+        """Yield pages that list number, x and y (m) of each cylinder's center."""
         lines = []
         for number, (x, y) in enumerate(self.world.cylinders_m.tolist()):
             lines.append(f"{number:4d} {x:7.3f} {y:7.3f}")
         first = len(self.world.obstacles_m)
         title = (
-            f"{self.world.name}: number, x and y of each center in m; containment"
-            f" from {first} on"
+            f"{self.world.name}: number, x and y of each center in m; the containment"
+            f" starts at {first}"
         )
         for begin in range(0, len(lines), _ROWS * _COLUMNS):
             figure = self._page(title)
@@ -171,7 +171,7 @@ class CoursePlan:
         return points_m.min(axis=0) - 0.2, points_m.max(axis=0) + 0.2
 
     def _tiles(self) -> Iterator[Figure]:
-        """Yield tiles to scale that have something on them, from above; may raise."""
+        """Yield every tile of the plan to scale, top row first; ConfigError if many."""
         scale = self.config.scale
         paper_m = np.array(PAPERS[self.config.paper])
         area_m = paper_m - (2.0 * _MARGIN_M, 2.0 * _MARGIN_M + _HEADER_M)
@@ -180,8 +180,8 @@ class CoursePlan:
         across, down = np.ceil((high - low) / step_m).astype(int).tolist()
         if across * down > _MOST_TILES:
             raise ConfigError(
-                f"scale {scale}: the plan would have {across * down} tiles, at most"
-                f" {_MOST_TILES} are allowed; take a larger number"
+                f"scale {scale}: the plan would have {across * down} tiles, and at most"
+                f" {_MOST_TILES} are allowed; use a larger scale number"
             )
         frame = np.concatenate([(_MARGIN_M, _MARGIN_M), area_m])
         left, bottom, width, height = (frame / np.tile(paper_m, 2)).tolist()

@@ -1,4 +1,4 @@
-"""A picture of a robot from above: outline, wheels, casters, mass and lidar."""
+"""Draws a robot from above: outline, wheels, casters, center of mass and lidar."""
 
 import math
 

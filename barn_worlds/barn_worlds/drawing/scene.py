@@ -1,6 +1,6 @@
-"""The scene of a trial from above, drawn onto axes in meters.
+"""Draws the scene of a trial from above onto axes in meters.
 
-It shows what stands, what moves and where the robot went.
+It shows static and moving obstacles and the robot's trail.
 """
 
 import math
@@ -46,8 +46,8 @@ def draw_discs(axes: Axes, centers_m: Points, radius_m: float, **style: Any) -> 
     Args:
         axes: Axes in meters.
         centers_m: Centers (n, 2).
-        radius_m: Radius of all of them.
-        style: Of matplotlib's collection.
+        radius_m: Radius of all discs.
+        style: Properties of matplotlib's collection.
     """
     sizes = np.full(len(centers_m), 2.0 * radius_m)
     offsets: Any = {
@@ -65,8 +65,8 @@ def draw_scene(axes: Axes, scene: TrialScene, *, faint: bool = False) -> None:
     Args:
         axes: Axes in meters.
         scene: Cylinders, boxes, path, start and goal to draw.
-        faint: Draw everything but start and goal in one light color, for maps on which
-            trajectories are what counts. The circle of arrival is left out.
+        faint: Draw everything but start and goal in one light color, for maps that
+            focus on trajectories. The circle of arrival is left out.
     """
     if len(scene.boxes.poses):
         axes.add_collection(PolyCollection(scene.boxes.outlines(), facecolor=WALL))
@@ -113,7 +113,7 @@ def draw_outlines(
         poses: x, y and yaw (n, 3).
         corners_m: Corners (k, 2) of the outline in base_link.
         color: Color of the line.
-        style: Of matplotlib's collection.
+        style: Properties of matplotlib's collection.
     """
     corners = [Pose2D(*pose).transform(corners_m) for pose in poses.tolist()]
     outlines = PolyCollection(corners, facecolor="none", edgecolor=color, **style)
@@ -129,7 +129,7 @@ def draw_trail(
     Args:
         axes: Axes in meters.
         points_m: Positions (n, 2).
-        speeds_mps: Speeds (n,) that color the trail, which then gets a dark edge.
+        speeds_mps: Speeds (n,) that color the trail. It then has a dark edge.
         color: Color of a trail without speeds.
     """
     style: dict[str, Any] = {"colors": color}
@@ -138,7 +138,7 @@ def draw_trail(
         # Bright colors are visible on a dark edge.
         axes.plot(*points_m.T, color=INK, linewidth=2.8, zorder=2.9)
 
-    # A piece per pair of samples, so that each has a color of its own.
+    # One piece per pair of samples, so that each can have its own color.
     trail = LineCollection(
         list(np.stack([points_m[:-1], points_m[1:]], axis=1)),
         linewidths=1.8,
@@ -155,7 +155,7 @@ def draw_trail(
 
 
 def draw_contacts(axes: Axes, points_m: Points) -> None:
-    """Draw a cross at each position of a robot at which it touched something.
+    """Draw a cross at each position where a robot touched something.
 
     Args:
         axes: Axes in meters.
@@ -173,7 +173,7 @@ def draw_contacts(axes: Axes, points_m: Points) -> None:
 
 
 def scale_speeds(axes: Axes, trails: Sequence[LineCollection]) -> None:
-    """Give trails colored by speed one scale from 0 m/s, and add a color bar.
+    """Set one color scale from 0 m/s for all trails colored by speed; add a color bar.
 
     Args:
         axes: Axes of the trails.
@@ -191,7 +191,7 @@ def scale_speeds(axes: Axes, trails: Sequence[LineCollection]) -> None:
 
 
 def motion_paths(tracks: Tracks, times_s: Floats) -> list[Points]:
-    """Return x, y (k, 2) in m of pieces of the obstacles' motions, split at jumps.
+    """Return the obstacles' motions as pieces x, y (k, 2) in m, split at jumps.
 
     Args:
         tracks: The motions.
@@ -217,8 +217,8 @@ def draw_motion_paths(axes: Axes, pieces: Sequence[Points], **style: Any) -> Non
 
     Args:
         axes: Axes in meters.
-        pieces: Of `motion_paths`.
-        style: Of matplotlib's collection.
+        pieces: Pieces from `motion_paths`.
+        style: Properties of matplotlib's collection.
     """
     axes.add_collection(
         LineCollection(list(pieces), colors=MOVER, linewidths=0.8, **style)
@@ -228,18 +228,18 @@ def draw_motion_paths(axes: Axes, pieces: Sequence[Points], **style: Any) -> Non
 def draw_arrow(
     axes: Axes, position: Floats, direction: Floats, **style: object
 ) -> None:
-    """Draw the head of an arrow at a position; none if the direction has no length.
+    """Draw an arrowhead at a position; draw nothing if the direction has no length.
 
     Args:
         axes: Axes in meters.
-        position: Where it is, (2,).
-        direction: Where it points, (2,).
-        style: Of matplotlib's patch.
+        position: Position (2,).
+        direction: Direction (2,) that it points in; its length does not matter.
+        style: Properties of matplotlib's patch.
     """
     length = math.hypot(*direction)
     if length <= 1e-6:
         return
-    # The head alone shows: a shaft of 1 cm is shorter than it.
+    # Only the head is visible, because it is longer than the shaft of 1 cm.
     tip = (position + direction / length * 0.01).tolist()
     arrow = {"arrowstyle": "-|>", "color": MOVER, "shrinkA": 0.0, "shrinkB": 0.0}
     axes.annotate(

@@ -53,12 +53,12 @@ def world_figure(
     goal: Pose2D | None = None,
     goal_distance_m: float = 0.0,
 ) -> Figure:
-    """Return a matplotlib figure of one world, with moving obstacles as at time 0.
+    """Return a matplotlib figure of one world, with moving obstacles at time 0.
 
     Args:
-        world: Shown with its C-space, path and containment.
-        start: Where a robot starts. By default the first cell of the path.
-        goal: Where it should arrive. By default the last cell of the path.
+        world: World to show with its C-space, path and containment.
+        start: Start of a robot. By default the first cell of the path.
+        goal: Goal of a robot. By default the last cell of the path.
         goal_distance_m: Distance from the goal that counts as arrival.
     """
     figure, axes = _draw_world(world, start, goal, goal_distance_m)
@@ -73,7 +73,7 @@ def routes_figure(worlds: Mapping[int, World]) -> Figure:
     """Return one figure of a map with its routes, each with its number near its start.
 
     Args:
-        worlds: Worlds that differ in their course alone.
+        worlds: Worlds by number, which differ only in their course.
     """
     paths_m = {number: world.path_m() for number, world in worlds.items()}
     first = next(iter(worlds.values()))
@@ -107,7 +107,7 @@ def write_animation(world: World, path: Path) -> None:
     """Write a GIF of the first 15 s of a world's moving obstacles, atomically.
 
     Args:
-        world: One in which obstacles move.
+        world: World with moving obstacles.
         path: File to write, a GIF.
 
     Raises:
@@ -115,7 +115,7 @@ def write_animation(world: World, path: Path) -> None:
     """
     if not world.moving:
         raise WorldError(
-            f"{world.name}: nothing moves in it; draw a picture (.png) of it"
+            f"{world.name}: nothing moves in it; write a picture (.png) instead"
         )
     write_bytes(path, gif_bytes(_frames(world), _FRAMES_PER_S))
 
@@ -174,9 +174,9 @@ def _draw_world(
     goal_distance_m: float = 0.0,
     shown_m: tuple[Points, ...] = (),
 ) -> tuple[Figure, Axes]:
-    """Return a new figure of what stands in a world, and its axes in meters.
+    """Return a new figure of a world without moving obstacles, and its axes in meters.
 
-    `shown_m` are further points (n, 2) that it has to contain.
+    `shown_m` are further points (n, 2) that the figure must contain.
     """
     left, below, right, above = world.bounds_m
     # The grid, without the containment in front of it.
@@ -230,7 +230,7 @@ def _draw_world(
 def _draw_motion(
     axes: Axes, world: World, tile: tuple[int, int] | None = None, arrows: int = 0
 ) -> PolyCollection:
-    """Draw walls, tracks and obstacles at time 0; return the obstacles' collection.
+    """Draw walls, tracks and moving obstacles at time 0; return the obstacles drawn.
 
     Args:
         axes: Axes in meters, or in cells of a sheet.
@@ -274,9 +274,9 @@ def _draw_motion(
 
 
 def _frames(world: World) -> Iterator[Image.Image]:
-    """Yield the 120 images, 8 per second, of an animation of moving obstacles.
+    """Yield 120 images, 8 for each second, of a world's moving obstacles.
 
-    What stands and the tracks are drawn once.
+    Everything else is drawn once.
     """
     figure, axes = _draw_world(world)
     canvas: Any = FigureCanvasAgg(figure)
@@ -284,7 +284,7 @@ def _frames(world: World) -> Iterator[Image.Image]:
     clock = axes.text(0.02, 0.02, "", transform=axes.transAxes, fontsize=12)
     obstacles.set_animated(True)
     clock.set_animated(True)
-    # What is animated is left out of this.
+    # This leaves out animated parts.
     canvas.draw()
     background = canvas.copy_from_bbox(figure.bbox)
 
@@ -296,7 +296,7 @@ def _frames(world: World) -> Iterator[Image.Image]:
         clock.set_text(f"{time_s:5.1f} s")
         axes.draw_artist(obstacles)
         axes.draw_artist(clock)
-        # A GIF has no transparency that would be of use here.
+        # The GIF needs no transparency.
         image = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
         colors = colors or image.quantize(64)
         yield image.quantize(palette=colors, dither=Image.Dither.NONE)

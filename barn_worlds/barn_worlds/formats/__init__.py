@@ -1,1 +1,1 @@
-"""Reading and writing worlds in each format, whoever the author of a file."""
+"""Reads and writes worlds in each format; files may come from anyone."""

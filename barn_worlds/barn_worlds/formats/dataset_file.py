@@ -1,4 +1,4 @@
-"""The data set file of the suite: worlds in one .npz, and a copy of its manifest."""
+"""The suite's data set file: worlds in one .npz, with a copy of its manifest."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass
@@ -18,8 +18,8 @@ from barn_worlds.moving.motion import KINDS, SHAPES, Motion, MovingObstacle, Wal
 from barn_worlds.worlds.course import parse_course
 from barn_worlds.worlds.world import LARGEST_SIDE, Provenance, World
 
-# Schema of data sets with walls, moving obstacles or arenas, which need the arrays of
-# `_scene_arrays` as well. Others keep the first schema, which earlier versions read.
+# Schema of data sets with walls, moving obstacles or arenas, which also need the arrays
+# of `_scene_arrays`. Others keep the first schema, which earlier versions can read.
 _SCENE_SCHEMA = 2
 # Fields of a moving obstacle in the columns of the array `obstacle`, after the shape.
 _OBSTACLE_NUMBERS = (
@@ -45,10 +45,10 @@ class WorldOrder:
     """The order in which the worlds of a data set are numbered."""
 
     by: str
-    """What the scores mean."""
+    """Meaning of the scores."""
 
     scores: tuple[float, ...]
-    """A score per world, lowest first."""
+    """One score per world."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,26 +66,24 @@ class DatasetFile:
         return indices
 
     def world(self, position: int) -> World:
-        """Return the world at a position in the file, which is not its number.
-
-        Its checksum must be that of the manifest.
+        """Build the world at a position (not number) in the file; check its checksum.
 
         Raises:
-            WorldError: If its data are damaged.
+            WorldError: If its data are damaged or do not match the checksum.
         """
         where = f"{self.path}: world {self.indices[position]} is damaged"
         try:
             world = self._build_world(position)
             is_intact = world.checksum == self.manifest["worlds"][position]["sha256"]
-        # What arrays raise that are missing, do not fit or have other sizes or types.
+        # Raised by arrays that are missing or have wrong sizes, types or values.
         except (BarnError, LookupError, TypeError, ValueError, OverflowError) as error:
             raise WorldError(f"{where}: {format_error(error)}") from None
         if not is_intact:
-            raise WorldError(f"{where}: its checksum is not that of the manifest")
+            raise WorldError(f"{where}: its checksum differs from the manifest's")
         return world
 
     def _build_world(self, position: int) -> World:
-        """Return the world at a position, its checksum not yet compared."""
+        """Build the world at a position; do not compare its checksum."""
         arrays = self.arrays
         entry = self.manifest["worlds"][position]
         rows, cols = map(int, arrays["shape"][position])
@@ -164,7 +162,7 @@ class DatasetFile:
 
 
 def read_dataset_file(path: Path) -> DatasetFile:
-    """Return manifest and arrays of a data set's .npz file; worlds are built later.
+    """Read manifest and arrays of a data set's .npz file; worlds are built later.
 
     Raises:
         BarnError: If the file is damaged or of another version.
@@ -178,14 +176,14 @@ def read_dataset_file(path: Path) -> DatasetFile:
         or index.dtype.kind not in "iu"
     ):
         raise WorldError(
-            f"{path}: numbers of worlds do not match, or its manifest lacks them"
+            f"{path}: its world numbers do not match its manifest, or one lacks them"
         )
     if index.min(initial=0) < 0 or len(set(index.tolist())) != len(index):
-        raise WorldError(f"{path}: numbers of worlds must be from 0, each once")
+        raise WorldError(f"{path}: world numbers must be at least 0 and unique")
     names = (manifest.get("name"), manifest.get("robot", ""))
     if not all(isinstance(name, str) for name in names):
         raise WorldError(
-            f"{path}: its manifest lacks a name, or has a robot without one"
+            f"{path}: its manifest lacks a name, or its robot is not a name"
         )
     return DatasetFile(path, manifest, arrays)
 
@@ -211,8 +209,8 @@ def write_dataset_file(
     for world in ordered:
         if world.built_m is not None:
             raise WorldError(
-                f"{path}: a data set has no place for {world.name} as built; write it"
-                " as yaml"
+                f"{path}: a data set cannot hold {world.name} as built; write it as"
+                " yaml"
             )
     arrays: Arrays = {
         "index": np.array(list(worlds), np.int32),
@@ -243,7 +241,7 @@ def write_dataset_file(
 def _manifest(
     name: str, worlds: Mapping[int, World], extra_entries: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return the manifest: provenance and checksum of each world, parameters once."""
+    """Return a data set's manifest, with provenance and checksum of each world."""
     # Many worlds have the same parameters, which the manifest holds once.
     parameter_sets: list[dict[str, Any]] = []
     entries = []
@@ -276,7 +274,7 @@ def _manifest(
 def _scene_arrays(worlds: Sequence[World]) -> Arrays:
     """Return corners, walls and moving obstacles of worlds as arrays by name.
 
-    The names of obstacles are not in them.
+    The arrays do not contain the obstacles' names.
     """
     walls = [astuple(wall) for world in worlds for wall in world.walls]
     obstacles = [obstacle for world in worlds for obstacle in world.moving]
@@ -315,16 +313,16 @@ def _motion_rows(motion: Motion) -> Sequence[tuple[float, float, float]]:
 
 
 def _table(rows: Sequence[Sequence[float]], width: int) -> Floats:
-    """Return rows of numbers as a float array (n, width), (0, width) for none."""
+    """Return rows of numbers as a float array (n, width), (0, width) for no rows."""
     return np.array(rows, np.float64).reshape(-1, width)
 
 
 def _select(values: AnyArray, counts: AnyArray, position: int) -> AnyArray:
-    """Return one world's or motion's values from those of all, one after the other.
+    """Return the values of one world or motion from an array that joins those of all.
 
     Args:
-        values: Values of all, one after the other.
-        counts: How many values each has.
+        values: Values of all worlds or motions, one after the other.
+        counts: Number of values of each.
         position: Position of the world or motion.
     """
     first = int(counts[:position].sum())

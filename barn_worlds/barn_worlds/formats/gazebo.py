@@ -1,4 +1,4 @@
-"""Reading worlds of cylinders from files of Gazebo (.world, .sdf, gzipped or not)."""
+"""Reads worlds of cylinders from Gazebo files (.world, .sdf, gzipped or not)."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -27,9 +27,9 @@ from barn_worlds.worlds.world import LARGEST_SIDE
 
 LARGEST_WORLD_FILE = 128 * 1024 * 1024  # unpacked
 MOST_TAGS = 1_000_000  # a hundred times those of a world of the paper
-OFF_GRID_M = 1e-3  # how far a cylinder may be from the center of its cell
-LARGEST_TILT_RAD = 1e-3  # of a cylinder: its top of 1 m is as far off
-# The height that cylinders must reach through, so that robots meet them.
+OFF_GRID_M = 1e-3  # largest distance of a cylinder from the center of its cell
+LARGEST_TILT_RAD = 1e-3  # of a cylinder; moves the top of one of 1 m by 1 mm
+# Cylinders must extend through this height, so that robots meet them.
 ROBOT_HEIGHT_M = 0.1
 _WITHOUT_OBSTACLES = ("sun", "ground_plane")
 
@@ -37,18 +37,18 @@ _WITHOUT_OBSTACLES = ("sun", "ground_plane")
 class GazeboFile:
     """The content of a Gazebo world file.
 
-    Methods raise WorldError for content that the suite does not read.
+    Methods raise WorldError for content that the suite does not support.
     """
 
     def __init__(self, content: bytes, where: str):
         """Parse SDF; WorldError for bad XML, a document type or too many tags.
 
         Args:
-            content: SDF.
+            content: Text of the file.
             where: Path of the file, to begin an error message with.
         """
         self._where = where
-        # What a saved scale has to do with cylinders that fit no grid.
+        # End of an error message, if a saved scale may explain the error.
         self._scale_hint = ""
         if content.count(b"<") > MOST_TAGS:
             raise self._error(f"more than {MOST_TAGS} tags")
@@ -56,7 +56,7 @@ class GazeboFile:
         try:
             self._root: Element = fromstring(content, forbid_dtd=True)
         except DefusedXmlException:
-            raise self._error("document types and entities are not read") from None
+            raise self._error("document types and entities are not allowed") from None
         except (ParseError, ValueError, LookupError) as error:
             raise self._error(f"not well-formed XML: {error}") from None
 
@@ -66,9 +66,9 @@ class GazeboFile:
         return cls(read_maybe_gzipped(path, LARGEST_WORLD_FILE), str(path))
 
     def course(self) -> list[float]:
-        """Return x, y (m), yaw (rad) of start, then goal (6,); empty without them.
+        """Return x, y (m), yaw (rad) of frames start, then goal (6,); [] without them.
 
-        They are the frames `start` and `goal` of SDF 1.7.
+        WorldError if the file has only one of them.
         """
         course: list[float] = []
         for name in ("start", "goal"):
@@ -78,20 +78,20 @@ class GazeboFile:
             _require_upright(pose, f"{self._where}: frame {name!r}")
             course += [*pose.offset[:2].tolist(), pose.yaw_rad]
         if len(course) == 3:
-            raise self._error("must have frames start and goal, or none of them")
+            raise self._error("must have both frames start and goal, or neither")
         return course
 
     def grid(self) -> tuple[BoolGrid, float]:
-        """Return the grid (rows, cols) of a world of BARN and its cell size in m.
+        """Return the grid (rows, cols) of a BARN world and its cell size in m.
 
-        The cylinders must have one radius, half a cell, and stand at the positions of
-        cells in `worlds.cells`. The grid ends with the last row and column that have
-        any. The containment may be missing, but only as a whole. Cells that the file
-        leaves out because they are surrounded are filled (`fill_hollow`).
+        All cylinders must have the same radius, half a cell, and stand at the positions
+        of cells in `worlds.cells`. The grid ends with the last row and column that have
+        a cylinder. The containment may be missing, but only as a whole. Cells that the
+        file leaves out because they are surrounded are filled (`fill_hollow`).
         """
         centers_m, radii_m = self.cylinders
         resolution_m = self._cell_size(radii_m)
-        # The right wall of a world of BARN is at x = 0, all cells have x below.
+        # The right wall of a BARN world is at x = 0; all cells have a negative x.
         width = -centers_m[:, 0].min() / resolution_m
         length = centers_m[:, 1].max() / resolution_m
         rows = max(1, math.ceil(width - OFF_GRID_M / resolution_m))
@@ -127,14 +127,14 @@ class GazeboFile:
     def open_grid(
         self, start: Sequence[float]
     ) -> tuple[BoolGrid, float, tuple[float, float]] | None:
-        """Return grid, cell size, corner in m if cylinders pass x = 0, or None.
+        """Return grid, cell size and corner in m of a world unlike BARN's, or None.
 
         Args:
-            start: x and y in meters of a place that is free.
+            start: x and y in meters of a free place.
 
         Returns:
             Grid (rows, cols), size of its cells and its outer corner in m. None if the
-            cylinders are on no grid, or all are left of x = 0 as in worlds of BARN.
+            cylinders are not on a grid, or all are left of x = 0 as in BARN worlds.
         """
         centers_m, radii_m = self.cylinders
         # The outermost cylinders define the grid, since nothing else in the file does.
@@ -169,23 +169,23 @@ class GazeboFile:
                     name = model.element.get("name", "")
                     self._scale_hint = (
                         f"; <state> scales model {name!r:.60} by {scale:g}: write "
-                        "<scale>1 1 1</scale> there, or space such cylinders as wide"
+                        "<scale>1 1 1</scale> there, or space cylinders to match"
                     )
                 cylinders += self._read_model(model, scale)
         except RecursionError:
-            raise self._error("models are nested too deep") from None
+            raise self._error("models are nested too deeply") from None
         if not cylinders:
-            raise self._error("no cylinders in it")
+            raise self._error("contains no cylinders")
         return np.array(cylinders)[:, :2], [radius for _, _, radius in cylinders]
 
     @cached_property
     def _world(self) -> Scope:
-        """The world as Gazebo shows it after loading, with its saved state."""
+        """The world as Gazebo loads it: with the changes of its saved state."""
         worlds = self._root.findall("world")
         if len(worlds) > 1:
-            raise self._error(f"has {len(worlds)} worlds; keep one in the file")
+            raise self._error(f"has {len(worlds)} worlds; keep only one")
         world = worlds[0] if worlds else Element("world")
-        # Gazebo Classic applies the first state alone: first what was inserted.
+        # Gazebo Classic applies only the first state: insertions, then deletions.
         state = world.find("state")
         if state is not None:
             world.extend(state.findall("insertions/*"))
@@ -199,12 +199,12 @@ class GazeboFile:
                 raise self._error(
                     f"<{element.tag}> cannot be part of a world of cylinders"
                 )
-            # Models of the world itself are read; included ones are files elsewhere.
+            # Models in the world are read; included models are in other files.
             uri = (element.findtext("uri") or "").strip()
             if element.tag == "include" and not _is_without_obstacles(uri):
                 models = ", ".join(_WITHOUT_OBSTACLES)
                 raise self._error(
-                    f"included model {uri!r:.80} is not known; only {models} are"
+                    f"included model {uri!r:.80} is unknown; known: {models}"
                 )
         return Scope(world, self._where, Transform(), state)
 
@@ -219,7 +219,7 @@ class GazeboFile:
         """
         where = model.where
         if model.element.find("include") is not None:
-            raise WorldError(f"{where}: models included in a model are not read")
+            raise WorldError(f"{where}: <include> inside a model is not supported")
         for inner_model, inner_scale in model.models():
             yield from self._read_model(inner_model, inner_scale)
         for link in model.element.findall("link"):
@@ -234,19 +234,21 @@ class GazeboFile:
         for other_m in radii_m:
             if abs(other_m - radius_m) > 1e-6:
                 raise self._error(
-                    "all cylinders must have one radius, "
+                    "all cylinders must have the same radius, "
                     f"got {radius_m:g} m and {other_m:g} m{self._scale_hint}"
                 )
-        # Radii in files have rounding errors of whatever wrote them.
+        # Removes rounding errors of the program that wrote the file.
         resolution_m = round(2.0 * radius_m, 9)
         if not 0.01 <= resolution_m <= 10.0:
             raise self._error(
-                f"radius of cylinders must be from 0.005 to 5 m, got {radius_m:g} m"
+                f"radius of a cylinder must be from 0.005 to 5 m, got {radius_m:g} m"
             )
         return resolution_m
 
     def _check_containment(self, cells: Cells, rows: int, resolution_m: float) -> None:
-        """Raise WorldError if the cells in front of the field are not its containment.
+        """Raise WorldError if cells in front of the field are not its containment.
+
+        No cells are allowed, too.
 
         Args:
             cells: Row and column (n, 2) of the cylinders in front of the field.
@@ -264,16 +266,16 @@ class GazeboFile:
             center_m = cell_centers(np.array([cell]), rows, resolution_m)[0]
             raise self._error(
                 f"{problem} at {center_m.round(6).tolist()} m, in front of the field, "
-                "where only the containment may be"
+                "where only the containment is allowed"
             )
 
     def _error(self, problem: str) -> WorldError:
-        """Return, not raise, a WorldError that begins with the file's path."""
+        """Return (do not raise) a WorldError that begins with the file's path."""
         return WorldError(f"{self._where}: {problem}")
 
 
 def fill_hollow(visible: BoolGrid, free: tuple[int, int] | None = None) -> BoolGrid:
-    """Return a copy of a grid (rows, cols) with enclosed gaps filled where that fits.
+    """Return a copy of a grid (rows, cols) with the filled cells that files leave out.
 
     A file leaves out filled cells whose 8 neighbors are all filled. An enclosed gap may
     consist of such cells or be empty: the file looks the same. But if filling a gap
@@ -286,7 +288,7 @@ def fill_hollow(visible: BoolGrid, free: tuple[int, int] | None = None) -> BoolG
 
     Args:
         visible: Cells that the file shows, True where filled.
-        free: Row and column of a cell in a gap that is empty.
+        free: Row and column of a cell whose gap stays empty.
     """
     grid: BoolGrid = visible.copy()
     labels, sizes = label_regions(~visible, 8)
@@ -315,7 +317,9 @@ def fill_hollow(visible: BoolGrid, free: tuple[int, int] | None = None) -> BoolG
 def _read_collision(
     collision: Element, pose: Transform, scale: float, where: str
 ) -> Iterator[tuple[float, float, float]]:
-    """Yield x, y, radius in m of a collision's cylinder, if it has one.
+    """Yield x, y, radius in m of a collision's cylinder, nothing for plane or empty.
+
+    Raises WorldError for other shapes and for cylinders that robots would not meet.
 
     Args:
         collision: The element.
@@ -329,9 +333,7 @@ def _read_collision(
         return
     if kinds != ["cylinder"]:
         names = ", ".join(kinds)[:60] or "none"
-        raise WorldError(
-            f"{where}: shapes other than one cylinder are not read, got {names}"
-        )
+        raise WorldError(f"{where}: shape must be one cylinder, got {names}")
     _require_upright(pose, where)
     (radius,) = read_numbers(shapes[0].findtext("radius"), 1, f"{where}: radius")
     length_text = shapes[0].findtext("length") or "1"
@@ -344,7 +346,7 @@ def _read_collision(
     if abs(z - ROBOT_HEIGHT_M) > 0.5 * length:
         raise WorldError(
             f"{where}: a cylinder from {z - 0.5 * length:g} to {z + 0.5 * length:g} m "
-            f"above the ground does not reach through {ROBOT_HEIGHT_M:g} m, "
+            f"above the ground does not extend through {ROBOT_HEIGHT_M:g} m, "
             "where robots would meet it"
         )
     yield x, y, scale * radius
@@ -355,12 +357,12 @@ def _require_upright(pose: Transform, where: str) -> None:
     if pose.tilt_rad > LARGEST_TILT_RAD:
         raise WorldError(
             f"{where}: leans by {pose.tilt_rad:.3g} rad; "
-            f"at most {LARGEST_TILT_RAD:g} is read"
+            f"at most {LARGEST_TILT_RAD:g} is allowed"
         )
 
 
 def _is_without_obstacles(uri: str) -> bool:
-    """Return whether a URI, local or of Fuel, names a model without obstacles."""
+    """Tell whether a URI, local or of Fuel, names a model without obstacles."""
     parts = unquote(uri).rstrip("/").split("/")
     # A model of Fuel may end in its version.
     if len(parts) > 1 and (parts[-1].isdecimal() or parts[-1] == "tip"):

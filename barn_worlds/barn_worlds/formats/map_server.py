@@ -1,7 +1,7 @@
 """Maps in the format of map_server: an image and a .yaml file.
 
-They are read as the map_server of Nav2 in ROS 2 Jazzy does, but for transparency: a
-pixel that is not opaque is unknown, and what is behind it does not count.
+They are read like Nav2's map_server in ROS 2 Jazzy reads them, except for transparency:
+a pixel that is not opaque is unknown, whatever its color.
 """
 
 import io
@@ -54,7 +54,7 @@ UNKNOWN = -1
 LARGEST_YAML = 64 * 1024
 MODES = ("trinary", "scale", "raw")
 _IMAGE_FORMATS = ("PPM", "PNG", "BMP", "JPEG", "GIF", "TIFF", "WEBP", "TGA", "PCX")
-_OWN_KEYS = ("start", "goal", "routes")  # that map_server does not know
+_OWN_KEYS = ("start", "goal", "routes")  # unknown to map_server
 _NUMBERS = ("resolution", "origin", "occupied_thresh", "free_thresh")
 # Gray values that map_saver writes. That of unknown cells lies between the thresholds.
 _FREE_GRAY = 254
@@ -66,19 +66,19 @@ _FREE_THRESHOLD = 0.196
 
 @dataclass(frozen=True)
 class MapRoute(Checked):
-    """Start and goal of one of the routes in a map's .yaml file."""
+    """Start and goal of one route in a map's .yaml file."""
 
     start: tuple[float, float, float] = required("x, y in m and yaw in rad")
     goal: tuple[float, ...] = required("x, y in m (and yaw in rad)")
-    waypoints: Any = None  # declared to be refused by name
+    waypoints: Any = None  # declared so that the error can name it
 
     def __post_init__(self) -> None:
-        """Raise ConfigError for numbers that are no pose, and for waypoints."""
+        """Raise ConfigError for waypoints and for a goal of 1 or more than 3 numbers."""
         super().__post_init__()
         self.require(
             self.waypoints is None,
             "waypoints",
-            "are not driven, as a trial has one goal: write a route to each of them",
+            "are not allowed, because a trial has one goal: write a route to each",
         )
         self.require(
             len(self.goal) in (2, 3), "goal", "must be x and y, or x, y and yaw"
@@ -87,19 +87,19 @@ class MapRoute(Checked):
 
 @dataclass(frozen=True)
 class Waypoint(Checked):
-    """A pose in a file that Nav2's panel of RViz saves."""
+    """A pose in a file that Nav2's panel in RViz saves."""
 
     pose: tuple[float, float, float] = required("x, y, z in m")
     orientation: tuple[float, float, float, float] = required("quaternion w, x, y, z")
 
     def __post_init__(self) -> None:
-        """Raise ConfigError for an orientation that nobody set."""
+        """Raise ConfigError if all numbers of the orientation are 0."""
         super().__post_init__()
         self.require(any(self.orientation), "orientation", "must not be all 0")
 
     @property
     def numbers(self) -> tuple[float, float, float]:
-        """X and y in m and yaw in rad."""
+        """The pose in the plane: x and y in m, yaw in rad."""
         w, x, y, z = self.orientation
         rotation = quaternion_matrix(x, y, z, w)
         pose = Transform(np.array(self.pose), rotation)
@@ -110,24 +110,22 @@ class Waypoint(Checked):
 class MapFile(Checked):
     """The .yaml file of a map, with the keys of map_server and a course or routes."""
 
-    image: str = required("name of the image file beside it")
+    image: str = required("name of the image file in the same folder")
     resolution: float = required("size of a cell", "m", 0.005, 10.0)
     origin: tuple[float, float, float] = required(
         "outer corner of the map", "", -1e6, 1e6
     )
     negate: int = required("whether white is occupied", "", 0, 1)
-    occupied_thresh: float = required("occupied above this chance", "", 0.0, 1.0)
-    free_thresh: float = required("free below this chance", "", 0.0, 1.0)
-    mode: str = quantity("trinary", "how gray values are read", choices=MODES)
-    start: tuple[float, ...] = optional(
-        (), "x, y in m and yaw in rad of a world's start"
-    )
-    goal: tuple[float, ...] = optional((), "x, y in m (and yaw in rad) of its goal")
-    # By name, or a file of waypoints; each makes a world of its own.
+    occupied_thresh: float = required("occupied above this probability", "", 0.0, 1.0)
+    free_thresh: float = required("free below this probability", "", 0.0, 1.0)
+    mode: str = quantity("trinary", "meaning of gray values", choices=MODES)
+    start: tuple[float, ...] = optional((), "x, y in m and yaw in rad of the start")
+    goal: tuple[float, ...] = optional((), "x, y in m (and yaw in rad) of the goal")
+    # Routes by name, or a file of waypoints. Each route is a world of its own.
     routes: Mapping[str, MapRoute] = field(default_factory=dict, metadata=OPTIONAL)
 
     def __post_init__(self) -> None:
-        """Raise ConfigError for thresholds, origin or course that do not fit."""
+        """Raise ConfigError for an invalid threshold, origin, course or image name."""
         super().__post_init__()
         self.require(
             self.free_thresh <= self.occupied_thresh,
@@ -138,15 +136,15 @@ class MapFile(Checked):
         self.require(
             bool(self.start) == bool(self.goal),
             "start" if self.goal else "goal",
-            "must be given, too",
+            "must be set, too",
         )
-        # `parse_course` counts the numbers of both and cannot tell where one ends.
+        # `parse_course` gets the numbers of both and cannot tell where one ends.
         self.require(len(self.start) in (0, 3), "start", "must be x, y and yaw")
         self.require(
             len(self.goal) in (0, 2, 3), "goal", "must be x and y, or x, y and yaw"
         )
         self.require(
-            not (self.start and self.routes), "start", "must be that of one of routes"
+            not (self.start and self.routes), "start", "must be inside one of routes"
         )
         self.require("\0" not in self.image, "image", "must be the name of a file")
 
@@ -159,7 +157,7 @@ def write_map(
     Args:
         grid: Map to write.
         path: The .yaml file, with or without its ending.
-        image: Name of the image. By default it is that of the .yaml file, as .pgm.
+        image: Name of the image. By default that of the .yaml file, ending in .pgm.
         course: x, y and yaw of start and goal, (6,), for the .yaml file.
 
     Raises:
@@ -177,13 +175,13 @@ def write_map(
         goal=tuple(course[3:]),
     )
     text = dump_yaml(as_dict(map_file))
-    # The image first: where there is a .yaml file, its image is there as well.
+    # The image comes first, so that a .yaml file never lacks its image.
     write_bytes(path.with_name(map_file.image), _encode_pgm(grid))
     write_bytes(yaml_path, text.encode())
 
 
 def read_map_file(path: Path) -> MapFile:
-    """Return the keys of a map's .yaml file, not its image; WorldError if malformed.
+    """Read a map's .yaml file without its image; WorldError if it is malformed.
 
     Keys that neither map_server nor the suite knows are ignored, with a note.
     """
@@ -193,7 +191,7 @@ def read_map_file(path: Path) -> MapFile:
         if isinstance(content, dict):
             if "waypoints" in content and "image" not in content:
                 raise WorldError(
-                    f"{path}: is no map; name it in the YAML file of one: "
+                    f"{path}: is not a map; name it in the map's YAML file: "
                     f"routes: {path.name}"
                 )
             if isinstance(content.get("routes"), str):
@@ -201,25 +199,25 @@ def read_map_file(path: Path) -> MapFile:
             content |= _read_scalars(parse_yaml(file, str(path), TextLoader))
             names = [item.name for item in fields(MapFile)]
             others = [key for key in content if key not in names]
-            # map_server would not miss a key of the suite that is misspelled.
+            # A misspelled key of the suite must not be ignored.
             ignored = [key for key in others if not suggest_similar(key, _OWN_KEYS)]
             for key in ignored:
                 del content[key]
             if ignored:
-                note(f"{path}: ignored, as map_server does: {join_names(ignored)}")
+                note(f"{path}: ignored keys, as in map_server: {join_names(ignored)}")
         return from_dict(MapFile, content, str(path))
     except ConfigError as error:
         raise WorldError(str(error)) from None
 
 
 def read_legs(path: Path) -> dict[str, dict[str, tuple[float, ...]]]:
-    """Return the routes from each waypoint to the next, from a file saved in RViz.
+    """Read the routes from each waypoint to the next from a file saved in RViz.
 
     Args:
         path: YAML with `waypoints`, as Nav2's panel saves them.
 
     Returns:
-        Start and goal by name of the route.
+        Start and goal of each route, by its name.
 
     Raises:
         BarnError: If the file cannot be read or has fewer than two waypoints.
@@ -229,7 +227,7 @@ def read_legs(path: Path) -> dict[str, dict[str, tuple[float, ...]]]:
     if len(entries) < 2:
         raise WorldError(
             f"{path}: must have two waypoints or more, as Nav2's panel in RViz saves "
-            "them; of other files, such as graphs, write the routes into the map's: "
+            "them; write routes of other files, such as graphs, into the map's file: "
             "routes: {name: {start: [x, y, yaw], goal: [x, y]}}"
         )
     poses = {}
@@ -243,30 +241,27 @@ def read_legs(path: Path) -> dict[str, dict[str, tuple[float, ...]]]:
 
 
 def read_route_names(path: Path) -> list[str]:
-    """Return the names of the routes in a map's .yaml file, in its order.
-
-    A file without routes, or one that cannot be read, has none.
-    """
+    """Read the names of the routes in a map's .yaml file; [] if it cannot be read."""
     try:
         content = parse_yaml(read_bytes(path, LARGEST_YAML), str(path))
         routes = as_mapping(content).get("routes")
         if isinstance(routes, str):
             routes = read_legs(path.parent / routes)
     except BarnError:
-        # It is refused by name as soon as it is used.
+        # The error is raised when the map is loaded.
         return []
     return list(as_mapping(routes))
 
 
 def read_map(path: Path, map_file: MapFile | None = None) -> OccupancyMap:
-    """Return the map of a .yaml file and its image, in any of `MODES`.
+    """Read the map of a .yaml file and its image, in any of `MODES`.
 
     Args:
         path: The .yaml file.
         map_file: Its content. By default it is read.
 
     Returns:
-        The map, with chances from 0 to 100 in the modes scale and raw.
+        The map, with probabilities from 0 to 100 in the modes scale and raw.
 
     Raises:
         WorldError: If the .yaml file or the image is malformed.
@@ -299,19 +294,19 @@ def read_map(path: Path, map_file: MapFile | None = None) -> OccupancyMap:
 
 
 def filled_cells(grid: OccupancyMap) -> BoolGrid:
-    """Return where a map is occupied for sure or unknown, as a grid like its data.
+    """Return a mask like a map's data, True where it is surely occupied or unknown.
 
-    Nobody knows that a robot fits where it is unknown. A chance between the thresholds
-    (mode scale) is free, as it is to the static layer of Nav2's costmaps.
+    A robot may not fit into unknown cells. A probability between the thresholds (mode
+    scale) counts as free, as in the static layer of Nav2's costmaps.
     """
     return (grid.data < 0) | (grid.data >= OCCUPIED)
 
 
 def select_maps(files: Sequence[Path]) -> list[Path]:
-    """Return those of some .yaml files that are maps of obstacles; note the others.
+    """Return the .yaml files that are maps of obstacles; log a note about the others.
 
-    Other files are no maps at all, or masks: maps in mode scale or raw beside maps in
-    mode trinary.
+    The others are not maps at all, or are masks: maps in mode scale or raw beside maps
+    in mode trinary.
     """
     modes = {file: _read_mode(file) for file in files}
     maps = [file for file, mode in modes.items() if mode == "trinary"]
@@ -319,18 +314,18 @@ def select_maps(files: Sequence[Path]) -> list[Path]:
     skipped = [file.name for file in files if file not in maps]
     if skipped:
         note(
-            f"{files[0].parent}: skipped, as they are no maps of obstacles but masks "
-            f"(mode scale or raw) or other files: {join_names(skipped)}"
+            f"{files[0].parent}: skipped masks (mode scale or raw) and other files "
+            f"that are not maps of obstacles: {join_names(skipped)}"
         )
     return maps
 
 
 def _read_mode(path: Path) -> str:
-    """Return the mode of a map's .yaml file, empty if the file is no map."""
+    """Read the mode of a map's .yaml file; "trinary" for bad YAML, "" for no map."""
     try:
         content = parse_yaml(read_bytes(path, LARGEST_YAML), str(path), TextLoader)
     except ConfigError:
-        # It is refused by name as soon as it is used.
+        # The error is raised when the map is loaded.
         return MODES[0]
     except WorldError:
         return ""
@@ -340,9 +335,9 @@ def _read_mode(path: Path) -> str:
 
 
 def _read_scalars(texts: dict[str, Any]) -> dict[str, Any]:
-    """Return map_server's keys among the texts of a .yaml file, as yaml-cpp reads them.
+    """Return the values of map_server's keys, converted from text as yaml-cpp does.
 
-    To yaml-cpp it does not matter whether a scalar is quoted.
+    yaml-cpp does not distinguish quoted scalars from plain ones.
     """
     scalars: dict[str, Any] = {
         key: texts[key] for key in ("image", "mode") if key in texts
@@ -361,8 +356,8 @@ def _read_scalars(texts: dict[str, Any]) -> dict[str, Any]:
 def extract_grid(grid: OccupancyMap) -> BoolGrid | None:
     """Return the grid (rows, cols) of the BARN world that a map shows, or None.
 
-    The map must have the containment. Its obstacles may be in their true positions or
-    one cell too near, as in the original maps. Other maps give None.
+    The map must show the containment. Its obstacles may be in their true positions or
+    one cell too near, as in the original maps. The result is None for other maps.
     """
     is_filled = filled_cells(grid)
     height, width = is_filled.shape
@@ -370,7 +365,7 @@ def extract_grid(grid: OccupancyMap) -> BoolGrid | None:
     lead_in = lead_in_cells(resolution_m)
     cols = height - lead_in - margin_cells(resolution_m)
     right_m = grid.origin_x + width * resolution_m
-    # The map of a world of BARN ends at x = 0 and begins at y = 0.
+    # The map of a BARN world ends at x = 0 and begins at y = 0.
     if cols < 1 or abs(right_m) >= 1e-6 or abs(grid.origin_y) >= 1e-6:
         return None
 
@@ -398,11 +393,12 @@ def _encode_pgm(grid: OccupancyMap) -> bytes:
 
 
 def _read_image(path: Path) -> tuple[Floats, BoolGrid]:
-    """Return gray values, 0 to 255, of an image file, and where it is opaque.
+    """Read gray values, 0 to 255, of an image file, and a mask of its opaque pixels.
 
-    Both are (height, width) and begin with the top row. Of colors, the mean counts.
+    Both are (height, width) and begin with the top row. A color counts as its mean.
+    WorldError if the file is not such an image or is too large.
     """
-    # Most worlds are no images.
+    # Imported here because most worlds are not images.
     from PIL import Image  # noqa: PLC0415
 
     content = read_bytes(path)
@@ -419,12 +415,12 @@ def _read_image(path: Path) -> tuple[Floats, BoolGrid]:
                     raise ValueError("must have at most 16 bits of gray")
                 return gray, np.ones(gray.shape, np.bool_)
             if image.mode not in ("1", "L", "LA", "P", "PA", "RGB", "RGBA", "CMYK"):
-                raise ValueError(f"pixels of mode {image.mode} are not read")
+                raise ValueError(f"pixels of mode {image.mode} are not supported")
             pixels = np.asarray(image.convert("RGBA"), np.float64)
     # Pillow raises errors of any kind for malformed bytes.
     except Exception as error:
         raise WorldError(
-            f"{path}: not an image that can be read ({', '.join(_IMAGE_FORMATS)}): "
+            f"{path}: not a readable image ({', '.join(_IMAGE_FORMATS)}): "
             f"{format_error(error)}"
         ) from None
     return pixels[..., :3].mean(axis=2), pixels[..., 3] == 255.0

@@ -14,7 +14,7 @@ from barn_worlds.base.files import read_bytes
 from barn_worlds.worlds.world import LARGEST_SIDE
 
 ENDING = ".map"
-# The format has no size. In cells of 1 m all robots of the suite pass one free cell.
+# The format has no cell size. Every robot of the suite fits through one cell of 1 m.
 CELL_M = 1.0
 LARGEST_BYTES = LARGEST_SIDE * (LARGEST_SIDE + 2) + 1000
 _HEADER = re.compile(
@@ -22,12 +22,12 @@ _HEADER = re.compile(
 )
 _HEADER_LINES = 4
 _GROUND = b".G"
-# Besides ground: out of bounds, trees, swamp and water, where no robot drives.
+# Ground, and what no robot drives on: out of bounds, trees, swamp and water.
 _LETTERS = b".G@OTSW"
 
 
 def read_grid(path: Path) -> BoolGrid:
-    """Return the grid (rows along x, columns along y) of a .map file, False on ground.
+    """Read the grid (rows along x, columns along y) of a .map file, False on ground.
 
     Raises:
         WorldError: If the file cannot be read or is malformed.
@@ -54,7 +54,7 @@ def read_grid(path: Path) -> BoolGrid:
             break
     if problem:
         raise WorldError(
-            f"{path}: must have {height} lines of {width} of the letters "
+            f"{path}: must have {height} lines of {width} letters out of "
             f"{_LETTERS.decode()}, got {problem}"
         )
     letters = np.frombuffer(b"".join(lines), np.uint8).reshape(height, width)

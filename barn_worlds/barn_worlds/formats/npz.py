@@ -1,6 +1,6 @@
-"""Untrusted NumPy files: a .npy array, or a .npz of plain arrays and a header in JSON.
+"""Untrusted NumPy files: a .npy array, or a .npz of plain arrays and a JSON header.
 
-Both are bounded in size, and nothing in them is executed.
+Their size is limited, and nothing in them is executed.
 """
 
 import io
@@ -29,7 +29,7 @@ Shape = Sequence[int | None]
 
 
 def read_npy(path: Path) -> AnyArray:
-    """Return the array of a .npy file of at most 64 MB.
+    """Read the array of a .npy file of at most 64 MB.
 
     Raises:
         WorldError: If the file cannot be read or does not hold numbers.
@@ -48,10 +48,10 @@ def parse_npy(content: bytes, where: str) -> AnyArray:
         WorldError: If the content is damaged or does not hold numbers.
     """
     try:
-        # A pickle could run any code.
+        # A pickle could run arbitrary code.
         array = np.lib.format.read_array(io.BytesIO(content), allow_pickle=False)
-    # NumPy raises errors of any kind: for bytes that are no array, for a header that is
-    # no Python, and for sizes that no memory has.
+    # NumPy raises errors of any kind: for bytes that are not an array, for a header
+    # that is not Python, and for arrays that do not fit into memory.
     except Exception as error:
         raise WorldError(
             f"{where}: not a .npy file of numbers: {format_error(error)}"
@@ -72,10 +72,10 @@ def encode_npy(array: AnyArray) -> bytes:
 
 @dataclass(frozen=True)
 class NpzFormat:
-    """A kind of .npz file: arrays and a header in JSON."""
+    """A kind of .npz file: arrays and a JSON header."""
 
     what: str
-    """Kind of file in messages, such as "a policy file"."""
+    """Kind of file for messages, such as "a policy file"."""
 
     header: str
     """Name of the header inside the file, such as "policy.json"."""
@@ -90,7 +90,7 @@ class NpzFormat:
     """Most bytes that a file unpacks to."""
 
     newer: tuple[int, ...] = ()
-    """Further versions, for files that need them; their headers give it themselves."""
+    """Further versions that are read; a header of one of them must contain it."""
 
     def write(
         self,
@@ -104,7 +104,7 @@ class NpzFormat:
 
         Args:
             path: File to write.
-            header: Plain data. Its schema is added if it does not have one.
+            header: Plain data. The schema is added if the header has none.
             arrays: Arrays by name.
 
         Returns:
@@ -118,7 +118,7 @@ class NpzFormat:
         return text
 
     def read(self, path: Path) -> tuple[dict[str, Any], Arrays]:
-        """Return header and arrays by name of a .npz file, after checks of its version.
+        """Read header and arrays by name of a .npz file; check its version.
 
         Raises:
             BarnError: If the file is damaged or of another version.
@@ -145,7 +145,7 @@ class NpzFormat:
     def array(
         self, arrays: Arrays, name: str, path: Path, shape: Shape, kind: str
     ) -> AnyArray:
-        """Return one of a file's arrays by name, of a shape and a type of numbers.
+        """Return one of a file's arrays by name; check its shape and type of numbers.
 
         Args:
             arrays: The arrays that `read` returned.
@@ -155,7 +155,8 @@ class NpzFormat:
             kind: Type of its numbers, such as "float32".
 
         Raises:
-            WorldError: If the file does not have the array, or it does not fit.
+            WorldError: If the array is missing, has another shape or type, or contains
+                numbers that are not finite.
         """
         if name not in arrays:
             raise WorldError(f"{path}: not {self.what}: it has no {name}.npy")
@@ -175,7 +176,7 @@ class NpzFormat:
         return array
 
     def _unpack(self, path: Path) -> dict[str, bytes]:
-        """Return the bytes of all members by name; WorldError if too large."""
+        """Read the bytes of all members by name; WorldError if damaged or too large."""
         file = io.BytesIO(read_bytes(path, self.largest_file))
         try:
             with zipfile.ZipFile(file) as archive:

@@ -42,7 +42,7 @@ def find_world_numbers(folder: Path) -> list[int]:
 
 
 def read_world(folder: Path, index: int, robot: Robot) -> World:
-    """Return one world of a folder of the original layout, its path planned if missing.
+    """Read one world of a folder in the original layout; plan its path if missing.
 
     The grid comes from grid_files, else from world_files, the path from path_files, the
     cell size from map_files. The footprint is the one that reproduces cspace_files.
@@ -50,8 +50,7 @@ def read_world(folder: Path, index: int, robot: Robot) -> World:
     Args:
         folder: Folder with these folders.
         index: Number of the world.
-        robot: Robot whose footprint counts, and which a path is planned for, where the
-            folder has none.
+        robot: Robot whose footprint is used if the folder has no cspace_files.
 
     Raises:
         WorldError: If a file is malformed.
@@ -89,7 +88,7 @@ def read_world(folder: Path, index: int, robot: Robot) -> World:
 def write_original(
     folder: Path, worlds: Mapping[int, World], metrics: Mapping[int, Floats]
 ) -> None:
-    """Create a folder of the original layout with worlds and metrics, atomically.
+    """Create a folder in the original layout with worlds and metrics, atomically.
 
     Args:
         folder: Folder to create.
@@ -99,7 +98,7 @@ def write_original(
     Raises:
         WorldError: If the folder exists and is not empty, or cannot be written.
     """
-    # Its library for templates loads the standard library's clients of the web.
+    # Imported here because its template library loads web clients.
     from barn_worlds.formats.sdf import write_sdf  # noqa: PLC0415
 
     with create_folder(folder) as target:
@@ -121,7 +120,7 @@ def write_original(
 
 
 def _find_footprint(path: Path, grid: BoolGrid, expected_cells: int) -> int:
-    """Return the footprint in cells that reproduces a C-space file, or WorldError.
+    """Return the footprint in cells that reproduces a C-space file; else WorldError.
 
     Args:
         path: File with the C-space.

@@ -1,9 +1,9 @@
-"""Writing worlds as SDF: 1.6 for Gazebo Classic, 1.9 for current Gazebo (gz sim).
+"""Writes worlds as SDF: 1.6 for Gazebo Classic, 1.9 for current Gazebo (gz sim).
 
-Walls are static models. Moving obstacles are actors with a script: an actor of Gazebo
-goes where its script says, touches nothing and is visible to cameras and GPU lidars.
-Current Gazebo shows an actor only by a mesh, a file beside the world. In Gazebo Classic
-its shape is part of the world.
+Walls are static models. Moving obstacles are actors with a script: an actor in Gazebo
+moves as its script says, touches nothing and is visible to cameras and GPU lidars. For
+current Gazebo an actor needs a mesh, in a file beside the world. For Gazebo Classic its
+shape is part of the world.
 """
 
 import gzip
@@ -31,7 +31,7 @@ Waypoints = list[tuple[float, float, float]]
 def write_sdf(
     world: World, path: Path, flavor: str = "classic", *, movable: bool = False
 ) -> None:
-    """Write a world as SDF and, for flavor gz, .obj meshes of what moves beside it.
+    """Write a world as SDF; for flavor gz, write .obj meshes of moving obstacles, too.
 
     Equal worlds give equal files.
 
@@ -69,7 +69,7 @@ def sdf_text(world: World, flavor: str = "classic", *, movable: bool = False) ->
         WorldError: If the flavor is unknown.
     """
     if flavor not in FLAVORS:
-        raise WorldError(f"unknown flavor of SDF {flavor!r}{suggest(flavor, FLAVORS)}")
+        raise WorldError(f"unknown SDF flavor {flavor!r}{suggest(flavor, FLAVORS)}")
     return _template().render(
         world=world, gz=flavor == "gz", movable=movable, mass_kg=MOVABLE_MASS_KG
     )
@@ -77,8 +77,8 @@ def sdf_text(world: World, flavor: str = "classic", *, movable: bool = False) ->
 
 @cache
 def _template() -> jinja2.Template:
-    """Return the Jinja template of SDF, which escapes all texts; loaded once."""
-    # Names of worlds and obstacles are texts of users, so they are escaped.
+    """Load the Jinja template for SDF, once; it escapes all text."""
+    # Users choose the names of worlds and obstacles, so names are escaped.
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("barn_worlds", "data/formats"),
         autoescape=True,
@@ -90,12 +90,10 @@ def _template() -> jinja2.Template:
 
 
 def trajectories(obstacle: MovingObstacle) -> list[Waypoints]:
-    """Return one or two trajectories of an actor: waypoints of time (s), x, y (m).
+    """Return one or two trajectories of an actor, to be played in turn.
 
-    They follow each other.
-
-    Each is waypoints of time (s) from 0, x and y (m). They are the keys themselves
-    where the spline of Gazebo makes the motion of them, and otherwise `STEP_S` apart.
+    Each is a list of waypoints of time (s) from 0, x and y (m). If Gazebo's own spline
+    reproduces the motion, the waypoints are its keys. Else they are `STEP_S` apart.
     """
     motion = obstacle.motion
     period_s = motion.period_s
@@ -107,7 +105,7 @@ def trajectories(obstacle: MovingObstacle) -> list[Waypoints]:
             return [list(motion.keys)]
     if not start_s:
         return [_sample(obstacle, 0.0, period_s)]
-    # The motion may jump as it repeats. Gazebo would join waypoints of one trajectory.
+    # The motion may jump when it repeats. Gazebo would interpolate in a trajectory.
     return [_sample(obstacle, start_s, period_s), _sample(obstacle, 0.0, start_s)]
 
 
@@ -148,11 +146,11 @@ def obj_mesh(obstacle: MovingObstacle) -> str:
 def _sample(obstacle: MovingObstacle, begin_s: float, end_s: float) -> Waypoints:
     """Return waypoints (time from `begin_s`, x, y) of a motion from begin_s to end_s.
 
-    They stop short of the jump at the end of the period.
+    The last one is before any jump at the end of the period.
     """
     steps = max(1, math.ceil((end_s - begin_s) / STEP_S))
     times_s = np.linspace(begin_s, end_s, steps + 1)
-    # At the very end of its period a motion is at its beginning again.
+    # At the end of its period a motion is back at its beginning.
     before_jump_s = obstacle.motion.period_s * (1.0 - 1e-12)
     motion_s = np.minimum(times_s, before_jump_s) - obstacle.phase_s
     positions, _ = Tracks([obstacle]).over(motion_s)

@@ -1,6 +1,6 @@
-"""Poses in SDF: one function for models, links, collisions and frames.
+"""Poses of models, links, collisions and frames in SDF.
 
-They follow the rules of SDF 1.7 and later, which fit earlier releases as well:
+They follow the rules of SDF 1.7 and later, which also apply to earlier releases:
 http://sdformat.org/tutorials?tut=pose_frame_semantics
 """
 
@@ -16,29 +16,29 @@ from barn_worlds.geometry.transform import (
     rotation_matrix,
 )
 
-_SCOPES = {"world": "world", "model": "__model__"}  # what each calls its own frame
+_SCOPES = {"world": "world", "model": "__model__"}  # name of its own frame, by tag
 _FRAMES = ("frame", "joint", "link", "model")
 _NUMBERS = {"euler_rpy": 6, "quat_xyzw": 7}
 _SEPARATOR = "::"
 
 
 class Scope:
-    """A world or a model: what its names mean, and where they are in the world.
+    """A world or a model, which gives names a meaning and a pose in the world.
 
-    Methods raise WorldError for poses that make no sense.
+    Methods raise WorldError for invalid poses and unknown names.
     """
 
     def __init__(
         self, element: Element, where: str, pose: Transform, state: Element | None
     ):
-        """Keep a <world> or <model> whose pose is known.
+        """Index the elements and saved states of a <world> or <model> by name.
 
         Args:
             element: The <world> or <model>.
             where: Path of the file and name of the model, to begin messages with.
             pose: Pose of its own frame in the world.
-            state: Where Gazebo Classic saved its models and links: the part of the
-                world's <state> that tells of this world or model.
+            state: Part of the world's <state>, in which Gazebo Classic saves poses of
+                models and links, for this world or model.
         """
         self.element = element
         self.where = where
@@ -50,12 +50,12 @@ class Scope:
         self._states = {}
         for child in () if state is None else state:
             self._states[child.tag, child.get("name")] = child
-        # Poses of names, None while they are computed.
+        # Poses by name; None while a pose is being computed.
         self._frames: dict[str, Transform | None] = {self._own_name: pose}
         self._models: dict[Element, tuple[Scope, float]] = {}
 
     def models(self) -> Iterator[tuple["Scope", float]]:
-        """Yield the models right in this scope, with the factor on their radii."""
+        """Yield the models directly in this scope, each with a factor on its radii."""
         for element in self.element.findall("model"):
             yield self._model(element)
 
@@ -64,14 +64,14 @@ class Scope:
 
         Args:
             element: A link, frame, joint or model, or a collision of a link.
-            base: What its pose is relative to unless it says so, by default the frame
-                of this scope.
+            base: Pose that its own is relative to unless it names a frame. By default
+                the frame of this scope.
         """
         where = self._describe(element)
         state = self._states.get((element.tag, element.get("name")))
         saved_pose = None if state is None else state.find("pose")
         if saved_pose is not None:
-            # Gazebo Classic saves poses in the world.
+            # Gazebo Classic saves poses relative to the world.
             return read_pose(saved_pose, where)
 
         pose = element.find("pose")
@@ -86,20 +86,20 @@ class Scope:
         return (base or self.pose) @ read_pose(pose, where)
 
     def frame(self, name: str) -> Transform:
-        """Return the pose in the world of what a name means in this scope."""
+        """Return the pose in the world of a name in this scope; computed once."""
         if name not in self._frames:
             self._frames[name] = None
             try:
                 self._frames[name] = self._locate_name(name)
             except RecursionError:
-                raise WorldError(f"{self.where}: frames are nested too deep") from None
+                raise WorldError(f"{self.where}: frames nested too deeply") from None
         pose = self._frames[name]
         if pose is None:
             raise WorldError(f"{self.where}: frame {name!r:.60} is relative to itself")
         return pose
 
     def _locate_name(self, name: str) -> Transform:
-        """Return the pose in the world of an element by its name."""
+        """Compute the world pose of an element by its name; WorldError if unknown."""
         element = self._elements.get(name)
         if element is not None:
             if element.tag == "model":
@@ -121,7 +121,7 @@ class Scope:
         pose = self.locate(element)
         placement = element.get("placement_frame")
         if placement and (state is None or state.find("pose") is None):
-            # The pose is that of the frame, from which that of the model follows.
+            # The pose is the frame's; the model's follows from it.
             at_origin = Scope(element, where, Transform(), None)
             pose = pose @ at_origin.frame(placement).inverse()
 
@@ -131,13 +131,13 @@ class Scope:
         return self._models[element]
 
     def _describe(self, element: Element) -> str:
-        """Return path, this model and an element in it, to begin a message with."""
+        """Return path, model and an element in it as the beginning of a message."""
         name = element.get("name", "without a name")
         return f"{self.where}: {element.tag} {name!r:.60}"
 
 
 def read_pose(pose: Element | None, where: str) -> Transform:
-    """Return what a <pose> element says, the identity without one.
+    """Return the transform in a <pose> element, the identity if None or empty.
 
     Args:
         pose: The element, with its attributes `rotation_format` and `degrees`.
@@ -157,12 +157,12 @@ def read_pose(pose: Element | None, where: str) -> Transform:
         )
     in_degrees = pose.get("degrees", "false").lower() in ("true", "1")
     if in_degrees and count == 7:
-        raise WorldError(f"{where}: pose must not have degrees and quat_xyzw")
+        raise WorldError(f"{where}: pose must not have both degrees and quat_xyzw")
 
     numbers = read_numbers(pose.text, count, f"{where}: pose")
     rotation = numbers[3:]
     if not any(rotation):
-        # Nearly all poses in worlds are without a rotation.
+        # Nearly all poses in worlds have no rotation.
         if count == 6:
             return Transform(np.array(numbers[:3]))
         raise WorldError(f"{where}: pose must not have a quaternion of length 0")
@@ -176,15 +176,15 @@ def read_pose(pose: Element | None, where: str) -> Transform:
 
 
 def read_numbers(text: str | None, count: int, where: str) -> list[float]:
-    """Return exactly `count` finite numbers of a text.
+    """Return `count` finite numbers from text; WorldError for anything else.
 
     Args:
-        text: Numbers between blanks.
-        count: How many there must be.
+        text: Numbers separated by blanks.
+        count: Required number of them.
         where: What the text is, to begin an error message with.
 
     Raises:
-        WorldError: If there are more or fewer, or one is none or at least 1e6.
+        WorldError: If there are more or fewer, or one is not a number below 1e6.
     """
     try:
         numbers = [float(word) for word in (text or "").split()]

@@ -1,7 +1,7 @@
-"""One world from one file.
+"""Reads one world from one file.
 
-The file is a .npy grid, a Gazebo world, a map of map_server or MovingAI, or YAML of the
-suite.
+The file is a .npy grid, a Gazebo world, a map of map_server or MovingAI, or the suite's
+YAML.
 """
 
 import re
@@ -28,7 +28,7 @@ _FOLDERS = ("grid_files", "world_files", "map_files")
 
 
 def ending(path: Path) -> str:
-    """Return which of `ENDINGS` a file name has, such as .world.gz, or ""."""
+    """Return the longest of `ENDINGS` of a file name, such as .world.gz, or ""."""
     name = path.name.lower()
     # .world.yaml also ends in .yaml.
     matches = [candidate for candidate in ENDINGS if name.endswith(candidate)]
@@ -36,38 +36,38 @@ def ending(path: Path) -> str:
 
 
 def require_ending(path: Path) -> str:
-    """Return which of `ENDINGS` a file name has; WorldError if it has none of them."""
+    """Return the longest of `ENDINGS` that a file name has; WorldError if none."""
     kind = ending(path)
     if not kind:
         raise WorldError(
-            f"{path}: a world must be in a file that ends in {', '.join(ENDINGS)}"
+            f"{path}: a world's file name must end in one of {', '.join(ENDINGS)}"
         )
     return kind
 
 
 def number_in(path: Path) -> int | None:
-    """Return the last number in a file name, which numbers its world, or None."""
-    # Longer numbers are no numbers of worlds, but dates and the like.
+    """Return the last number of up to 9 digits in a file name, its world's, or None."""
+    # Longer numbers are dates and the like.
     numbers = re.findall(r"\d+", path.name[: -len(ending(path))])
     return int(numbers[-1]) if numbers and len(numbers[-1]) <= 9 else None
 
 
 def read_world(path: Path, robot: Robot, route: str = "") -> World:
-    """Return the world in a file of any of `ENDINGS`, its path planned if it has none.
+    """Read the world in a file with any of `ENDINGS`; plan its path if it has none.
 
     The path comes from path_N.npy in the same folder or in its sibling path_files,
     where N is the number in the name of the file. Otherwise it is planned for a robot.
     A .npy grid has cells of 0.15 m.
 
-    A .world.yaml has its own name and path. A map that does not show a world of BARN
-    with its containment is taken as it is, at its position. Start and goal are those of
-    its .yaml file, else chosen for the robot. Those of a Gazebo world are its frames
-    `start` and `goal`, if it has any.
+    A .world.yaml has its own name and path. A map that does not show a BARN world with
+    its containment becomes a world at its own position. Start and goal come from its
+    .yaml file, else they are chosen for the robot. Start and goal of a Gazebo world are
+    its frames `start` and `goal`, if it has any.
 
     Args:
         path: File with one of `ENDINGS`.
         robot: Robot that paths, starts and goals are for.
-        route: Name of one of a map's `routes`, whose start and goal are taken.
+        route: Name of one of a map's `routes`, whose start and goal are used.
 
     Raises:
         WorldError: If the file does not hold a world.
@@ -102,7 +102,7 @@ def build_grid_world(
     path: Path,
     path_file: Path | None,
 ) -> World:
-    """Return a world of BARN from its grid, with the path read or planned.
+    """Build a BARN world from its grid; read its path from a file or plan it.
 
     Args:
         name: Name of the world.
@@ -111,7 +111,7 @@ def build_grid_world(
         footprint_cells: Side of the footprint of the robot, odd.
         source: Kind of source, as in `Provenance`.
         path: File that the grid is from.
-        path_file: .npy file with the path of the world. Without it, a path is planned.
+        path_file: .npy file with the path of the world. If None, a path is planned.
 
     Raises:
         WorldError: If there is no path.
@@ -127,7 +127,7 @@ def build_grid_world(
 
 
 def plan_grid_path(grid: BoolGrid, footprint_cells: int, where: str) -> Cells:
-    """Return path cells (n, 2) from the first to the last column; WorldError if none.
+    """Plan path cells (n, 2) from the first to the last column; WorldError if none.
 
     Args:
         grid: (rows, cols), True where filled.
@@ -147,7 +147,7 @@ def plan_grid_path(grid: BoolGrid, footprint_cells: int, where: str) -> Cells:
 
 
 def _read_gazebo(path: Path, robot: Robot, name: str) -> World:
-    """Return the world in a Gazebo file; without a course it must be one of BARN."""
+    """Read the world in a Gazebo file; without a course it must be a BARN world."""
     file = GazeboFile.read(path)
     numbers = file.course()
     course = parse_course(numbers, str(path)) if numbers else None
@@ -163,7 +163,7 @@ def _read_gazebo(path: Path, robot: Robot, name: str) -> World:
 
 
 def _read_map(path: Path, robot: Robot, name: str, route: str) -> World:
-    """Return the world that a map_server map shows: BARN's, or the map as it is."""
+    """Read a map_server map as the BARN world that it shows, else as its own world."""
     map_file = map_server.read_map_file(path)
     occupancy = map_server.read_map(path, map_file)
     course = None
@@ -201,7 +201,7 @@ def _build_beside(
     name: str,
     source: str,
 ) -> World:
-    """Return a grid's world, with the path in path_N.npy beside it or else planned."""
+    """Build a grid's world with the path in path_N.npy beside it, else plan one."""
     # A path beside the file comes before one in the sibling folder.
     folders = [path.parent]
     if path.parent.name in _FOLDERS:

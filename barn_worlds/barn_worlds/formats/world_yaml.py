@@ -1,4 +1,4 @@
-"""One world as YAML that people write: cells, path, walls, moving obstacles."""
+"""One world as YAML that people can write: cells, path, walls, moving obstacles."""
 
 import json
 from dataclasses import dataclass, field, replace
@@ -33,7 +33,7 @@ _FILLED = "#"
 class WorldFile(Checked):
     """The content of a file without its schema_version.
 
-    Anything that has its default may be left out.
+    A field that has its default may be left out.
     """
 
     name: str = quantity("world", "name of the world")
@@ -43,11 +43,11 @@ class WorldFile(Checked):
     )
     cells: tuple[int, int] = quantity((30, 30), "rows and columns", "", 1, LARGEST_SIDE)
 
-    # Cells (row, column). Between two of them the path goes straight: along a row, a
+    # Cells (row, column). Between two of them the path is straight: along a row, a
     # column or a diagonal.
     path: tuple[tuple[int, int], ...] = ()
 
-    # A text per row, a letter per column, # where it is filled; empty if all is free.
+    # A text per row with a letter per column, # if filled; empty if all cells are free.
     grid: tuple[str, ...] = ()
 
     # Outer corner of cell (0, 0) in the map frame, of an arena.
@@ -57,17 +57,17 @@ class WorldFile(Checked):
     walls: tuple[Wall, ...] = ()
     moving: tuple[MovingObstacle, ...] = ()
 
-    # Where a survey saw the cylinders (`World.built_m`).
+    # Surveyed centers of the cylinders (`World.built_m`).
     built_m: tuple[tuple[float, float], ...] = field(default=(), metadata=OPTIONAL)
 
     def world(self, where: str) -> World:
-        """Return the world that the fields describe; WorldError if they make none.
+        """Return the world that the fields describe; WorldError if they are invalid.
 
         Args:
             where: Path of the file, to begin an error message with.
 
         Raises:
-            WorldError: If the fields do not make a world.
+            WorldError: If the fields do not describe a world.
         """
         if not 0 < len(self.name) <= LARGEST_NAME or not self.name.isprintable():
             raise WorldError(
@@ -99,7 +99,7 @@ class WorldFile(Checked):
             raise WorldError(f"{where}: {error}") from None
 
     def _parse_grid(self) -> BoolGrid:
-        """Return the letters as a grid (rows, cols), all free if there are none."""
+        """Return the letters as a grid (rows, cols); WorldError if they do not fit."""
         rows, cols = self.cells
         if not self.grid:
             return np.zeros((rows, cols), np.bool_)
@@ -116,7 +116,7 @@ class WorldFile(Checked):
 
 
 def read_world_yaml(path: Path) -> World:
-    """Return the world in a .world.yaml file of the suite.
+    """Read the world in a .world.yaml file.
 
     Raises:
         BarnError: If the file cannot be read or does not hold a world.
@@ -130,7 +130,7 @@ def write_world_yaml(world: World, path: Path) -> None:
 
     Args:
         world: World to write.
-        path: File to write. A data set has the files that end in .world.yaml.
+        path: File to write. Data sets read only files that end in .world.yaml.
     """
     write_bytes(path, world_yaml(world).encode())
 
@@ -154,32 +154,32 @@ def world_yaml(world: World) -> str:
     if world.built_m is not None:
         built_m = tuple((x, y) for x, y in world.built_m.tolist())
         world_file = replace(world_file, built_m=built_m)
-    # JSON turns tuples into lists and copies what is in it twice: the reader refuses
+    # JSON turns tuples into lists and copies repeated values: the reader refuses YAML
     # aliases.
     plain = json.loads(json.dumps(as_dict(world_file)))
     content = {"schema_version": SCHEMA_VERSION, **plain}
-    # The style None writes lists of numbers on one line and mappings a key per line.
+    # Style None writes a list of numbers on one line and a mapping one key per line.
     return dump_yaml(content, default_flow_style=None, width=120)
 
 
 def _connect(corners: tuple[tuple[int, int], ...], grid: BoolGrid) -> Cells:
-    """Return all cells (n, 2) of the path straight from corner to corner.
+    """Return all cells (n, 2) of a path through corners; WorldError if impossible.
 
-    Raises WorldError for corners off the grid or not in line.
+    Corners must be on the grid and connected by a row, a column or a diagonal.
     """
     rows, cols = grid.shape
     for k, (row, column) in enumerate(corners):
         if not (0 <= row < rows and 0 <= column < cols):
             raise WorldError(
-                f"path[{k}] must be a cell of the {rows} x {cols}, got {[row, column]}"
+                f"path[{k}] must be one of {rows} x {cols} cells, got {[row, column]}"
             )
     pieces: list[Cells] = [np.array(corners[:1], np.int64).reshape(-1, 2)]
     for k, (first, last) in enumerate(pairwise(corners)):
         step = np.subtract(last, first)
         if step.all() and abs(step[0]) != abs(step[1]):
             raise WorldError(
-                f"path[{k + 1}] must lie straight from the cell before, "
-                f"got {list(last)}"
+                f"path[{k + 1}] must be in line with the cell before (row, column or "
+                f"diagonal), got {list(last)}"
             )
         length = max(1, int(np.abs(step).max()))
         # Exact: along a straight line a coordinate changes by 0 or 1 per cell.
@@ -188,7 +188,7 @@ def _connect(corners: tuple[tuple[int, int], ...], grid: BoolGrid) -> Cells:
 
 
 def _corners(path: Cells) -> Cells:
-    """Return path cells (k, 2): first, last and those where it turns or stays."""
+    """Return the cells (k, 2) of a path at its ends and where it turns or repeats."""
     steps = np.diff(path, axis=0)
     turns = (np.diff(steps, axis=0) != 0).any(axis=1)
     stays = (steps[1:] == 0).all(axis=1)

@@ -140,7 +140,7 @@ def test_two_writers_leave_the_file_of_one(tmp_path):
         (b"1e999", "not JSON: numbers must be finite, got inf"),
         pytest.param(
             b"1" + b"0" * 400,
-            "not JSON: integers must be of 64 bits, got 1",
+            "not JSON: integers must fit in 64 bits, got 1",
             id="10^400",
         ),
         pytest.param(b"9" * 5000, "not JSON: ", id="5000 digits"),

@@ -160,11 +160,11 @@ def test_sources_that_are_not_there(source, message, refused):
 
 
 def test_what_holds_no_worlds_is_refused(tmp_path, layout):
-    with pytest.raises(WorldError, match="has no worlds"):
+    with pytest.raises(WorldError, match="contains no worlds"):
         open_dataset(tmp_path / "layout" / "metrics_files")
     (tmp_path / "notes.txt").write_text("x")
     with pytest.raises(
-        WorldError, match=r"notes\.txt: a world must be in a file that ends in \.world"
+        WorldError, match=r"notes\.txt: a world's file name must end in one of \.world"
     ):
         open_dataset(tmp_path / "notes.txt")
     with pytest.raises(
@@ -241,19 +241,19 @@ def test_choices(spec, indices, selection):
 @pytest.mark.parametrize(
     "spec, message",
     [
-        ("", "is not a number"),
-        ("x", "'x' is not a number, first-last"),
-        ("-1", "'-1' is not a number"),
-        ("1-", "is not a number"),
+        ("", "must be a number"),
+        ("x", "'x' must be a number, first-last"),
+        ("-1", "'-1' must be a number"),
+        ("1-", "must be a number"),
         ("0:10:0", "step in '0:10:0' must be at least 1"),
-        ("1e3", "is not a number"),
+        ("1e3", "must be a number"),
         ("1", "no world 1 among the 50 from 0 to 294"),
         ("1-5", "no world 1-5 among"),
         ("5-1", "no world 5-1 among"),
         ("6,1", "no world 1 among"),
-        ("9" * 10, "is not a number"),
+        ("9" * 10, "must be a number"),
         ("1," * 10_000, "at most 10000 characters"),
-        ("all,?", "'\\?' is not"),
+        ("all,?", "'\\?' must be"),
     ],
 )
 def test_mistakes_are_one_line(spec, message, refused):

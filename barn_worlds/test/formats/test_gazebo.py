@@ -129,7 +129,7 @@ def test_sdf_says_what_the_simulator_needs(small_world):
     assert heights == {0.5}
 
     with pytest.raises(
-        WorldError, match="unknown flavor of SDF 'clasic'; did you mean 'classic'"
+        WorldError, match="unknown SDF flavor 'clasic'; did you mean 'classic'"
     ):
         sdf_text(small_world, "clasic")
 
@@ -273,10 +273,10 @@ EXTERNAL = b'<!DOCTYPE x [<!ENTITY f SYSTEM "file:///etc/passwd">]><sdf><world>&
         (b"<sdf><world>", "not well-formed XML"),
         (b"\xff\xfe\x00garbage", "not well-formed XML"),
         (b"<?xml version='1.0' encoding='none-such'?><sdf/>", "not well-formed XML"),
-        (BOMB, "document types and entities are not read"),
-        (EXTERNAL, "document types and entities are not read"),
-        (b"<sdf><world/></sdf>", "no cylinders in it"),
-        (b"<html><world/></html>", "no cylinders in it"),
+        (BOMB, "document types and entities are not allowed"),
+        (EXTERNAL, "document types and entities are not allowed"),
+        (b"<sdf><world/></sdf>", "contains no cylinders"),
+        (b"<html><world/></html>", "contains no cylinders"),
         (
             document(model(pose="1 2 3")),
             "model 'm': pose must be 6 finite numbers, got '1 2 3'",
@@ -286,7 +286,7 @@ EXTERNAL = b'<!DOCTYPE x [<!ENTITY f SYSTEM "file:///etc/passwd">]><sdf><world>&
         (document(model(pose="1e300 0 0 0 0 0")), "pose must be 6 finite numbers"),
         (document(model(pose="-0.2 5.3 0 1.57 0 0")), "model 'm': leans by 1.57 rad"),
         (document(model(pose="-0.2 5.3 1 0 0 0")), "from 0.5 to 1.5 m above"),
-        (document(model(pose="-0.2 5.3 -1 0 0 0")), "does not reach through 0.1 m"),
+        (document(model(pose="-0.2 5.3 -1 0 0 0")), "does not extend through 0.1 m"),
         (
             document(model(attribute=" relative_to='mm'")),
             "no frame 'mm'; did you mean 'm'",
@@ -314,7 +314,7 @@ EXTERNAL = b'<!DOCTYPE x [<!ENTITY f SYSTEM "file:///etc/passwd">]><sdf><world>&
         ),
         (
             document(model(attribute=" rotation_format='quat_xyzw' degrees='true'")),
-            "must not have degrees and quat_xyzw",
+            "must not have both degrees and quat_xyzw",
         ),
         (b"<sdf><world/><world/></sdf>", "has 2 worlds"),
         (
@@ -322,7 +322,7 @@ EXTERNAL = b'<!DOCTYPE x [<!ENTITY f SYSTEM "file:///etc/passwd">]><sdf><world>&
                 *(f"<frame name='f{k}' attached_to='f{k + 1}'/>" for k in range(2000)),
                 model(attribute=" relative_to='f0'"),
             ),
-            "frames are nested too deep",
+            "frames nested too deeply",
         ),
         (
             document("<model name='m'>" * 2000 + "</model>" * 2000),
@@ -332,24 +332,24 @@ EXTERNAL = b'<!DOCTYPE x [<!ENTITY f SYSTEM "file:///etc/passwd">]><sdf><world>&
         (document(model(radius="-1")), "radius and length must be above 0"),
         (
             document(model(radius="0.001")),
-            "radius of cylinders must be from 0.005 to 5 m, got 0.001",
+            "radius of a cylinder must be from 0.005 to 5 m, got 0.001",
         ),
         (
             document(model(shape="box")),
-            "shapes other than one cylinder are not read, got box",
+            "shape must be one cylinder, got box",
         ),
         (
             document(model(inside="<include><uri>model://sun</uri></include>")),
-            "models included in a model",
+            "<include> inside a model",
         ),
         (
             document("<include><uri>model://house</uri></include>"),
-            "included model 'model://house' is not known",
+            "included model 'model://house' is unknown",
         ),
         (document("<actor name='a'/>"), "<actor> cannot be part"),
         (
             document(model(), model(radius="0.08")),
-            "must have one radius, got 0.075 m and 0.08 m",
+            "must have the same radius, got 0.075 m and 0.08 m",
         ),
         (
             document(model(pose="-0.2 5.325 0 0 0 0")),

@@ -150,7 +150,7 @@ def test_keys_are_read_as_yaml_cpp_reads_them(tmp_path, change, field, value):
 def test_keys_that_map_server_ignores_are_named_in_a_note(tmp_path, caplog):
     path = save(tmp_path, YAML + "name: hall\nfloor: 2\n")
     assert read_map(path).resolution == 0.1
-    assert f"{path}: ignored, as map_server does: name, floor" in caplog.messages
+    assert f"{path}: ignored keys, as in map_server: name, floor" in caplog.messages
 
 
 def test_a_folder_of_maps_skips_what_is_no_map_of_obstacles(tmp_path, caplog):
@@ -243,7 +243,7 @@ def test_any_other_map_is_taken_as_it_is_in_its_place(tmp_path):
                 "negate: 0",
                 "negate: 0\nroutes: {a: {start: [0, 0, 0], goal: [1, 1], waypoints: [1]}}",
             ),
-            r"routes\[a\].waypoints are not driven, as a trial has one goal: write a",
+            r"routes\[a\].waypoints are not allowed, because a trial has one goal: write a",
         ),
         (
             ("negate: 0", "negate: 0\nroute: {a: {start: [0, 0, 0], goal: [1, 1]}}"),
@@ -254,7 +254,7 @@ def test_any_other_map_is_taken_as_it_is_in_its_place(tmp_path):
                 "negate: 0",
                 "negate: 0\nstart: [0, 0, 0]\ngoal: [1, 1]\nroutes: {a: {start: [0, 0, 0], goal: [1, 1]}}",
             ),
-            "start must be that of one of routes",
+            "start must be inside one of routes",
         ),
         (("negate: 0", "negate: 2"), "negate must be from 0 to 1, got 2"),
         (
@@ -300,7 +300,7 @@ def test_waypoints_saved_in_rviz_are_routes_from_each_to_the_next(tmp_path, refu
     assert routes[names[1]].start == pytest.approx((3.0, 2.0, np.pi / 2))
     assert routes[names[0]].goal == routes[names[1]].start
 
-    with refused(WorldError, "is no map; name it .*: routes: legs.yaml"):
+    with refused(WorldError, "is not a map; name it .*: routes: legs.yaml"):
         read_map_file(legs)
     for text, message in (
         ("{type: FeatureCollection, features: []}", "must have two waypoints or more"),
@@ -321,14 +321,14 @@ Image.new("F", (3, 2)).save(FLOATING, "TIFF")
     "pgm, message",
     [
         (b"", r"TGA, PCX\): cannot identify image file$"),
-        (b"GIF89a" + bytes(20), "not an image that can be read"),
-        (b"P5\n3 2\n255\n\0", "not an image"),
+        (b"GIF89a" + bytes(20), "not a readable image"),
+        (b"P5\n3 2\n255\n\0", "not a readable image"),
         (b"P5\n3 x\n255\n" + bytes(6), "image"),
         (b"P5\n-3 2\n255\n" + bytes(6), "image"),
         (b"P5\n0 0\n255\n", "image"),
         (b"P5\n5000 5000\n255\n" + bytes(10), "must have at most 16000000 pixels"),
         (b"P5\n100000 100000\n255\n" + bytes(10), "image"),
-        (FLOATING.getvalue(), "pixels of mode F are not read"),
+        (FLOATING.getvalue(), "pixels of mode F are not supported"),
     ],
 )
 def test_malformed_images_are_refused(tmp_path, pgm, message, refused):

@@ -123,7 +123,7 @@ def npz_file(tmp_path, small_world):
     "change, message",
     [
         ({"grid.npy": None}, "world 3 is damaged: 'grid'"),
-        ({"index.npy": None}, "numbers of worlds do not match"),
+        ({"index.npy": None}, "its world numbers do not match"),
         ({"grid.npy": b"x"}, "grid.npy: not a .npy file"),
         ({"grid.npy": encode_npy(np.zeros(3))}, "world 3 is damaged: "),
         ({"grid.npy": encode_npy(np.zeros(3, np.uint8))}, "world 3 is damaged: "),
@@ -140,20 +140,20 @@ def npz_file(tmp_path, small_world):
             {"path_cells.npy": encode_npy(np.array([3]))},
             "world 3 is damaged: its checksum",
         ),
-        ({"index.npy": encode_npy(np.array([1, 2]))}, "numbers of worlds do not match"),
+        ({"index.npy": encode_npy(np.array([1, 2]))}, "its world numbers do not match"),
         (
             {"index.npy": encode_npy(np.array([-1]))},
-            "numbers of worlds must be from 0, each once",
+            "world numbers must be at least 0 and unique",
         ),
         ({"manifest.json": b"{"}, "manifest.json: not JSON"),
         ({"manifest.json": b"[]"}, "schema version must be 1 or 2, got None"),
         ({"manifest.json": b'{"schema": 3}'}, "schema version must be 1 or 2, got 3"),
-        ({"manifest.json": b'{"schema": 1}'}, "numbers of worlds do not match"),
+        ({"manifest.json": b'{"schema": 1}'}, "its world numbers do not match"),
         (
             {
                 "manifest.json": b'{"schema": 1, "name": "set", "worlds": [{}], "robot": ["husky"]}'
             },
-            "its manifest lacks a name, or has a robot without one",
+            "its manifest lacks a name, or its robot is not a name",
         ),
     ],
 )

@@ -162,11 +162,11 @@ WRONG = {
     "few rows": ({"grid": ["..#"]}, "grid must have 45 rows, got 1"),
     "bent path": (
         {"path": [[0, 0], [3, 2]]},
-        "path[1] must lie straight from the cell before, got [3, 2]",
+        "path[1] must be in line with the cell before (row, column or diagonal), got [3, 2]",
     ),
     "path outside": (
         {"path": [[0, 0], [0, 41]]},
-        "path[1] must be a cell of the 45 x 41, got [0, 41]",
+        "path[1] must be one of 45 x 41 cells, got [0, 41]",
     ),
     "no path": ({"path": []}, "path must have 1 to 1000000 cells, got 0"),
     "far corner": (

@@ -175,7 +175,7 @@ def test_start_and_goal_of_a_gazebo_world_are_frames_of_it(tmp_path, flavour):
     text = (tmp_path / "w_0.world").read_text()
     half = text.replace('frame name="goal"', 'frame name="other"')
     (tmp_path / "half_0.world").write_text(half)
-    with pytest.raises(WorldError, match="frames start and goal, or none"):
+    with pytest.raises(WorldError, match="both frames start and goal, or neither"):
         opened(tmp_path / "half_0.world")
 
 
@@ -268,7 +268,7 @@ def test_a_map_without_room_for_the_robot_is_refused(tmp_path, grid, message):
 def test_start_without_goal_is_refused(tmp_path):
     path = written(tmp_path, hall())
     path.write_text(path.read_text() + "start: [0, 3, 0]\n")
-    with pytest.raises(WorldError, match="goal must be given, too"):
+    with pytest.raises(WorldError, match="goal must be set, too"):
         opened(path)
     start = Pose2D(0.0, 0.0, 0.0)
     with pytest.raises(WorldError, match="start and goal must both be given, or none"):
@@ -301,7 +301,7 @@ def test_maps_of_moving_ai_have_their_first_row_on_top(tmp_path):
         ),
         (
             "type octile\nheight 2\nwidth 2\nmap\n..\n",
-            "must have 2 lines of 2 of the letters .*, got 1 lines",
+            "must have 2 lines of 2 letters out of .*, got 1 lines",
         ),
         (
             "type octile\nheight 2\nwidth 2\nmap\n..\n.x\n",

@@ -29,7 +29,7 @@ class HardParameters(Checked):
     """What a hard world is generated with; cells have the size that suits the robot."""
 
     kind: str = quantity("doors", "what makes it hard", choices=KINDS)
-    rows: int = quantity(30, "cells across, side walls included", "", 24, 100)
+    rows: int = quantity(30, "cells across, including the side walls", "", 24, 100)
     cols: int = quantity(45, "cells along the driving direction", "", 24, 200)
     resolution_m: float = quantity(0.15, "size of a cell", "m", 0.01, 10.0)
     margin_cells: float = quantity(
@@ -39,7 +39,7 @@ class HardParameters(Checked):
         2, "most cells that a passage is wider than the narrowest", "", 0, 10
     )
     attempts: int = quantity(
-        1000, "grids tried until one has a path through", "", 1, 1_000_000
+        1000, "most grids to try until one has a path through", "", 1, 1_000_000
     )
 
 
