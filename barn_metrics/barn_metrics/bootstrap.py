@@ -1,4 +1,4 @@
-"""Estimates over worlds with confidence intervals, and how they are written.
+"""Estimates over worlds with confidence intervals, and their text.
 
 Trials in the same world are not independent of each other. So whole worlds are drawn
 with replacement (a cluster bootstrap).
@@ -22,14 +22,14 @@ Statistic = Callable[[Integers], Floats]
 
 @dataclass(frozen=True)
 class Interval:
-    """An estimate and its confidence limits; None where there is too little for any."""
+    """An estimate and its confidence limits, which are None if data do not suffice."""
 
     estimate: float
     low: float | None = None
     high: float | None = None
 
     def widen_to(self, *values: float) -> "Interval":
-        """Return the interval with limits that contain some values, if it has limits."""
+        """Return a copy whose limits contain some values; without limits, itself."""
         if self.low is None or self.high is None:
             return self
         return Interval(self.estimate, min(self.low, *values), max(self.high, *values))
@@ -39,11 +39,11 @@ class Interval:
         return self._apply(lambda value: factor * value)
 
     def shift(self, summand: float) -> "Interval":
-        """Return estimate and limits plus a known figure."""
+        """Return a copy with a number added to estimate and limits."""
         return self._apply(lambda value: value + summand)
 
     def negate(self) -> "Interval":
-        """Return the interval of minus the estimate, its limits swapped."""
+        """Return a copy with the signs of all numbers changed and limits swapped."""
         negative = self._apply(lambda value: -value)
         return Interval(negative.estimate, negative.high, negative.low)
 

@@ -28,7 +28,7 @@ class Formula(Checked):
     # mean over the rays is rounded down.
     visibility: str = quantity(
         "corrected",
-        "how lengths of rays are averaged",
+        "method of averaging the lengths of rays",
         choices=("corrected", "published"),
     )
     # published: Four of the eight in-between rays reach 6 cells far, the others 4.
@@ -61,10 +61,10 @@ FORMULAS: dict[str, Formula] = {
 
 
 def as_formula(formula: Formula | str) -> Formula:
-    """Return the `Formula` of a name in `FORMULAS`; a `Formula` comes back as it is.
+    """Return the `Formula` with a name in `FORMULAS`, or the given `Formula` itself.
 
     Raises:
-        ConfigError: If there is none of that name.
+        ConfigError: If the name is unknown.
     """
     if isinstance(formula, Formula):
         return formula
@@ -159,7 +159,7 @@ def cell_metrics(
 def closest_obstacle(cspace: BoolGrid) -> Floats:
     """Return each cell's distance, in cells, to the nearest occupied one, (rows, cols).
 
-    It is Euclidean, and inf if nothing is occupied.
+    The distance is Euclidean. It is inf if no cell is occupied.
     """
     if not cspace.any():
         return np.full(cspace.shape, np.inf)
@@ -216,7 +216,7 @@ def world_cell_metrics(world: World, formula: Formula | str) -> Floats:
     """
     if world.corner_m is not None:
         raise WorldError(
-            f"{world.name}: is an arena; metrics and difficulty are of worlds whose "
+            f"{world.name}: is an arena; metrics and difficulty need a world whose "
             "obstacles stand on a grid"
         )
     try:

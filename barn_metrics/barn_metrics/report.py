@@ -1,4 +1,4 @@
-"""Metrics of many worlds as a table, and what the paper publishes of its worlds."""
+"""Metrics of many worlds as a table, and the paper's published summary."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
@@ -55,7 +55,7 @@ class MetricsTable:
         ]
 
     def as_json(self) -> dict[str, Any]:
-        """Return a dict that JSON can hold, not text; NaN and infinity become None."""
+        """Return table and summary as a dict for JSON; NaN and infinity become None."""
         worlds = zip(self.worlds, self.rows(), strict=True)
         document = {
             "schema_version": SCHEMA_VERSION,
@@ -69,11 +69,10 @@ class MetricsTable:
         return dict(make_json_safe(document))
 
     def summary_cells(self) -> tuple[list[str], list[list[str]]]:
-        """Return headings and text rows of the summary, a row for each metric.
+        """Return headings and text rows of the summary, one row for each metric.
 
-        Numbers have two decimals.
-
-        Extremes of cells, which Table II has as well, come before those of worlds.
+        Numbers have two decimals. The columns with the extremes of cells, which are in
+        Table II as well, come before those with the extremes of worlds.
         """
         lines = []
         for metric in metrics.METRICS:
@@ -136,7 +135,7 @@ def metrics_table(
         lowest.append(values.min(axis=0))
         highest.append(values.max(axis=0))
     if not rows:
-        raise WorldError("there are no worlds to compute metrics of")
+        raise WorldError("there are no worlds to compute metrics for")
 
     return MetricsTable(
         formula,

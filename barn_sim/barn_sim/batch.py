@@ -141,7 +141,7 @@ class Batch:
     def advance(self, indices: Integers, commands: Floats) -> None:
         """Advance rows by a control period with `commands` (n, 2) of all rows.
 
-        It sets `readings.collisions`; the other readings stay as they are until `read`.
+        This sets `readings.collisions`. The other readings change only in `read`.
 
         Args:
             indices: Rows of the simulators that advance.
@@ -182,7 +182,7 @@ class Batch:
                 self._copy_cylinders(index)
 
     def read(self, indices: Integers) -> None:
-        """Write time, poses, velocities, and scans that are due, to `readings`.
+        """Write time, poses, velocities and any due scans of rows to `readings`.
 
         Args:
             indices: Rows of the simulators to read.

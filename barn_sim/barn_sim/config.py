@@ -51,11 +51,11 @@ class PhysicsConfig(Checked):
         0.002, "deflection of a tire under its share of the weight", "m", 0.0005, 0.01
     )
     tyre_damping_ratio: float = quantity(
-        0.5, "damping of that spring, 1 critical", "", 0.05, 1.0
+        0.5, "damping ratio of a tire; 1 is critical", "", 0.05, 1.0
     )
     tire_slip_mps: float = optional(
         0.0,
-        "slip at which a tire's friction is complete; below, it grows with the slip",
+        "slip at which a tire reaches full friction; below it, friction grows with slip",
         "m/s",
         0.0,
         1.0,
@@ -64,18 +64,17 @@ class PhysicsConfig(Checked):
 
 @dataclass(frozen=True)
 class LocalizationConfig(Checked):
-    """Where the robot's estimate of its pose in the map frame comes from.
+    """Source of the robot's estimate of its pose in the map frame.
 
-    Mode exact has the truth. In modes amcl and particles the correction from odom to
+    Mode exact gives the truth. In modes amcl and particles, the correction from odom to
     map changes only after the robot has moved or turned by the update distances. Then,
     in mode amcl, the error of the estimate takes one step of a first-order Gauss-Markov
-    process; in mode particles, a filter that does not use the truth matches a scan to
-    its map.
+    process. In mode particles, a filter matches a scan to its map without the truth.
     """
 
     mode: str = quantity(
         "exact",
-        "where the pose in the map frame comes from",
+        "source of the pose in the map frame",
         choices=("exact", "amcl", "particles"),
     )
     position_std_m: float = quantity(
@@ -86,7 +85,7 @@ class LocalizationConfig(Checked):
     )
     offset_x_m: float = quantity(
         0.0,
-        "constant offset of the pose along x, as with a shifted map",
+        "constant offset of the pose along x, as from a shifted map",
         "m",
         -5.0,
         5.0,
@@ -95,7 +94,7 @@ class LocalizationConfig(Checked):
         0.0, "constant offset of the pose along y", "m", -5.0, 5.0
     )
     correlation_updates: float = quantity(
-        5.0, "updates after which an error has decayed to 1/e", "", 0.01, 1000.0
+        5.0, "number of updates in which an error decays to 1/e", "", 0.01, 1000.0
     )
     update_distance_m: float = quantity(
         0.1, "distance between updates", "m", 0.001, 100.0
@@ -104,7 +103,7 @@ class LocalizationConfig(Checked):
         0.314, "turn between updates", "rad", 0.001, 100.0
     )
     historical_map: bool = quantity(
-        False, "particles: the map is the original's, obstacles one cell nearer"
+        False, "particles: use the original's map, with obstacles one cell nearer"
     )
     initial_std_m: float = quantity(
         0.5, "particles: standard deviation of x and y around the start", "m", 0.0, 10.0
@@ -112,9 +111,9 @@ class LocalizationConfig(Checked):
     initial_yaw_std_rad: float = quantity(
         0.262, "particles: standard deviation of heading at start", "rad", 0.0, 3.0
     )
-    min_particles: int = quantity(500, "particles: fewest of them", "", 1, 100_000)
+    min_particles: int = quantity(500, "particles: smallest number", "", 1, 100_000)
     max_particles: int = quantity(
-        2000, "particles: most of them, also at the start", "", 1, 100_000
+        2000, "particles: largest number, also at the start", "", 1, 100_000
     )
     motion_noise: float = quantity(
         0.2,
@@ -137,19 +136,19 @@ class LocalizationConfig(Checked):
         10.0,
     )
     beams: int = quantity(
-        720, "particles: beams of a scan that are compared with the map", "", 2, 10_000
+        720, "particles: number of beams to compare with the map", "", 2, 10_000
     )
     correction_delay_s: float = quantity(
-        0.0, "particles: a correction takes effect so late (amcl: 1 s)", "s", 0.0, 10.0
+        0.0, "particles: delay of each correction (amcl: 1 s)", "s", 0.0, 10.0
     )
     recovery_alpha_slow: float = quantity(
-        0.0, "particles: decay of the slow average of weights (amcl)", "", 0.0, 1.0
+        0.0, "particles: decay of the slow average weight (as in amcl)", "", 0.0, 1.0
     )
     recovery_alpha_fast: float = quantity(
-        0.0, "particles: decay of the fast one (Jackal 0.1); 0: off", "", 0.0, 1.0
+        0.0, "particles: decay of the fast average (Jackal: 0.1); 0: off", "", 0.0, 1.0
     )
     half_cell_low: bool = quantity(
-        True, "particles: cells are centered on their lower corners (a quirk of amcl)"
+        True, "particles: center cells on their lower corners (a quirk of amcl)"
     )
 
 
@@ -160,9 +159,9 @@ class ObstacleConfig(Checked):
     Moments of inertia are those of the original world files.
     """
 
-    movable: bool = quantity(False, "the grid's cylinders can be pushed over")
+    movable: bool = quantity(False, "whether the grid's cylinders can be pushed over")
     containment_movable: bool = quantity(
-        True, "if so, those of the containment can, too"
+        True, "with movable: whether the containment can be pushed over, too"
     )
     mass_kg: float = quantity(1.0, "mass of a cylinder", "kg", 0.01, 1000.0)
     inertia_tilt_kg_m2: float = quantity(
@@ -173,12 +172,12 @@ class ObstacleConfig(Checked):
     )
     friction: float = quantity(1.0, "friction coefficient of an obstacle", "", 0.0, 3.0)
     random_phase: bool = optional(
-        True, "moving obstacles begin at a time drawn from the seed, not at 0"
+        True, "whether moving obstacles begin at a random time by seed, not at 0"
     )
     clear_start_s: float = optional(
         0.0,
-        "time for which they leave a robot alone that stays at its start; other times"
-        " are not drawn",
+        "with random_phase: time for which no moving obstacle reaches a robot that"
+        " stays at its start",
         "s",
         0.0,
         1000.0,
@@ -190,7 +189,7 @@ class SimulatorConfig(Checked):
     """Everything about a simulated robot except its world, start pose and seed."""
 
     control_period_s: float = quantity(
-        0.05, "duration of a control step, between two commands", "s", 0.005, 1.0
+        0.05, "duration of a control step, from command to command", "s", 0.005, 1.0
     )
     physics: PhysicsConfig = field(default_factory=PhysicsConfig)
     drive: DriveConfig = field(default_factory=DriveConfig)
@@ -206,8 +205,8 @@ class SimulatorConfig(Checked):
         super().__post_init__()
         periods_s = {
             "control_period_s": self.control_period_s,
-            # Compiled code counts ticks: sensors that fell between two of them would be
-            # read late by a varying time.
+            # Compiled code counts ticks. A sensor period between two of them would
+            # delay readings by a varying time.
             "odometry.rate_hz": 1.0 / self.odometry.rate_hz,
             "lidar.rate_hz": 1.0 / self.lidar.rate_hz,
         }
@@ -238,7 +237,7 @@ class SimulatorConfig(Checked):
         return round(nanoseconds(period_s) / self.tick_ns)
 
 
-# What a preset may change of any robot, by part: noise and latency.
+# Fields by part that a preset may change for any robot: noise and latency.
 _PRESET_FIELDS = {
     "drive": ["command_latency_s"],
     "lidar": ["noise_m"],
@@ -251,11 +250,11 @@ def with_robot(config: Config, robot: Robot) -> Config:
 
     Args:
         config: Configuration of any simulator. For the standard robot it is returned
-            unchanged: presets differ from that robot's own file.
-        robot: Source of chassis, drive, lidar, odometry and grip of the wheels. Where
-            the preset has another noise or latency than the default one, as `ideal` has
-            none, the preset's is kept. One that equals a shipped robot gets its name;
-            any other with that name becomes "NAME (own)".
+            unchanged, because presets differ from that robot's own file.
+        robot: Source of chassis, drive, lidar, odometry and grip of the wheels. A noise
+            or latency that a preset changed, such as 0 in `ideal`, stays. A robot that
+            equals a shipped one gets its name. Another robot with such a name becomes
+            "NAME (own)".
     """
     for shipped in ROBOTS.values():
         if robot.drives_as(shipped):
@@ -278,7 +277,7 @@ def with_robot(config: Config, robot: Robot) -> Config:
             if value != getattr(getattr(standard, name), key):
                 changes[key] = value
         parts[name] = replace(getattr(robot, name), **changes)
-    # Without noise means both kinds: the absolute one and the share.
+    # No noise means none of both kinds, absolute and relative.
     if not parts["lidar"].noise_m:
         parts["lidar"] = replace(parts["lidar"], noise_share=0.0)
     return replace(config, **parts)
@@ -288,14 +287,15 @@ def chassis_in(simulator: object) -> Chassis:
     """Return the `Chassis` in a simulator's plain data, else the standard robot's.
 
     Args:
-        simulator: Mapping that may name a chassis; the standard robot's counts if not.
+        simulator: Mapping that may have a chassis. Without one, or for anything else,
+            the result is the standard robot's.
 
     Raises:
         ConfigError: If the chassis is not allowed.
     """
     chassis = None
     if isinstance(simulator, Mapping):
-        # Configurations of the first runs name no chassis: all of them drove a Jackal.
+        # The first runs all drove a Jackal, so their configurations have no chassis.
         chassis = simulator.get("chassis")
     if chassis is None:
         return STANDARD_ROBOT.chassis
@@ -321,26 +321,26 @@ PRESETS = read_presets("barn_sim", "presets.yaml", SimulatorConfig())
 class SimulatorNodeConfig(Checked):
     """Parameters that are fixed when the node starts."""
 
-    # Results must not depend on how busy the machine is, so time may wait for the
-    # planner.
+    # In lockstep, results do not depend on how busy the machine is.
     lockstep: bool = quantity(
-        False, "wait for one command after each scan instead of running freely"
+        False, "wait for a command after each scan instead of running freely"
     )
     planner_rate_hz: float = quantity(
         0.0,
-        "in lockstep, rate of the commands that are waited for; 0: one after each scan,"
-        " or as is found out",
+        "in lockstep: rate of the commands to wait for; 0: one after each scan, or the"
+        " rate that is measured",
         "Hz",
         0.0,
         1000.0,
     )
-    start_paused: bool = quantity(False, "start paused")
+    start_paused: bool = quantity(False, "whether to start paused")
     command_type: str = quantity(
         "auto",
-        "type of commands; auto: the publisher's",
+        "message type of commands; auto: the publisher's",
         choices=("auto", "twist", "twist_stamped"),
     )
-    # A reliable publisher serves both kinds of subscriber, a best-effort one only one.
+    # A reliable publisher serves both kinds of subscribers, a best-effort one only its
+    # own kind.
     scan_reliability: str = quantity(
         "reliable", "reliability of the scan", choices=("reliable", "best_effort")
     )
@@ -350,7 +350,7 @@ class SimulatorNodeConfig(Checked):
     lidar_frame: str = quantity(FRAMES.lidar, "frame of the scans")
     ground_truth: bool = quantity(
         True,
-        "publish the true pose and contacts, which a planner under test must not know",
+        "publish true pose and contacts, which a planner under test must not know",
     )
     # A descriptor that only a parent process can hand over, so that no other node can
     # pose as the evaluator.
@@ -372,7 +372,7 @@ class RunConfig(SimulatorConfig):
 
     robot: str = quantity(
         STANDARD_ROBOT.name,
-        "name or YAML file of a robot; unset parameters have its values",
+        "name or YAML file of a robot; it sets parameters that you do not",
     )
     dataset: str = quantity(
         "barn300", "name of a shipped data set, or path of a folder or file with worlds"
@@ -387,10 +387,10 @@ class RunConfig(SimulatorConfig):
     start_yaw_rad: float = quantity(1.57, "yaw of the start pose", "rad", -7.0, 7.0)
     seed: int = quantity(0, "seed of all noise", minimum=0)
     real_time_factor: float = quantity(
-        1.0, "simulated over real time, 0: as fast as possible", "", 0.0, 1000.0
+        1.0, "simulated time over real time; 0: as fast as possible", "", 0.0, 1000.0
     )
     command_wait_s: float = quantity(
-        5.0, "how long lockstep waits for a command, in real time", "s", 0.001, 3600.0
+        5.0, "real time for which lockstep waits for a command", "s", 0.001, 3600.0
     )
 
     compute: Compute = field(default_factory=Compute)

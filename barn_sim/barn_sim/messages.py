@@ -63,7 +63,7 @@ class SimulatorMessages:
         self._base_in_odom = ORIGIN
 
     def constant(self) -> Iterator[OutgoingMessage]:
-        """Yield what is published once: robot_description (URDF text) and tf_static."""
+        """Yield the messages published once: robot_description (URDF), tf_static."""
         lidar = self._config.lidar
         chassis = self._config.chassis
         description = encode.encode_text(robot_description(lidar, chassis))

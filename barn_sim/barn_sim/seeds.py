@@ -37,17 +37,17 @@ def generator(seed: int, child: int) -> np.random.Generator:
 
 
 def phase_s(world: World, config: SimulatorConfig, start: Pose2D, seed: int) -> float:
-    """Return how far (s) into their motions moving obstacles start.
+    """Return the time (s) in their motions at which moving obstacles start.
 
     Args:
         world: World that may have moving obstacles.
         config: Says whether the time is drawn, uniform over the longest period, or 0,
-            and how long a robot at rest must then be left alone.
+            and for how long no obstacle may then reach a robot at rest.
         start: Pose of the robot in the map frame.
         seed: Seed of the simulator.
 
     Raises:
-        ConfigError: If no phase leaves the robot alone for so long.
+        ConfigError: If an obstacle reaches the robot too soon in 1000 drawn phases.
     """
     obstacles = config.obstacles
     if not world.moving or not obstacles.random_phase:
@@ -76,10 +76,10 @@ def time_until_hit(
         outline: What can touch of the robot, in base_link.
         start: Pose of the robot in the map frame.
         phase_s: Time into the motions at the start.
-        limit_s: Time from the start in which it is looked for, ten times a second.
+        limit_s: Time from the start to search, in steps of 0.1 s.
 
     Returns:
-        Time from the start; infinite if there is none within the limit.
+        Time from the start, infinite without a touch within the limit.
     """
     shapes = moving_bodies(world.tracks, phase_s).shapes()
     times_s = np.arange(0.0, limit_s, _LOOK_PERIOD_S)

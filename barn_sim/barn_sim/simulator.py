@@ -50,7 +50,7 @@ class Simulator:
     """Time into the motions of moving obstacles at the start."""
 
     invalid_commands: int
-    """How many commands were not numbers, each of which stops the robot."""
+    """Number of commands with NaN or infinity, each of which stopped the robot."""
 
     def __init__(
         self,
@@ -94,7 +94,7 @@ class Simulator:
         self.begin(world, start, seed)
 
     def begin(self, world: World, start: Pose2D, seed: int) -> None:
-        """Restart with a world, start pose and seed; readings equal a new simulator's.
+        """Restart with a world, start pose and seed, as if the simulator were new.
 
         Args:
             world: Obstacles around the robot.
@@ -176,12 +176,12 @@ class Simulator:
         return self.sense()
 
     def command(self, velocity: Velocity2D, delay_ns: int = 0) -> None:
-        """Queue a velocity command, no time passes; NaN or infinity stops the robot.
+        """Queue a velocity command without advancing; NaN or infinity becomes a stop.
 
         Args:
-            velocity: Speed and yaw rate; the robot stops if one is not a number.
-            delay_ns: Time until it arrives, rounded to ticks. No command that was sent
-                before may arrive later.
+            velocity: Speed and yaw rate.
+            delay_ns: Time until the command arrives, rounded to ticks. No earlier
+                command may arrive later.
         """
         if not velocity.is_finite():
             self.invalid_commands += 1
@@ -194,16 +194,16 @@ class Simulator:
         self.motion.drive.command(exact, arrival_ns)
 
     def advance(self, ticks: int) -> None:
-        """Advance by physics ticks, not control periods, and read no sensor."""
+        """Advance by some physics ticks (not control periods) and read no sensor."""
         if self.lidar.sweeps:
             self.motion.remember_pose()
         self.motion.advance(ticks)
 
     def require_upright(self) -> None:
-        """Raise TippedError if the robot has tipped over; trials end there.
+        """Raise TippedError if the robot leans by more than 60 degrees.
 
         Raises:
-            TippedError: If it has.
+            TippedError: If it does. The trial cannot go on.
         """
         # No tire gets back to the ground from there.
         if self.motion.tilt_rad() > _LARGEST_TILT_RAD:
@@ -226,7 +226,7 @@ class Simulator:
         return Odometry(self.stamp_ns, pose.through_quaternion(), velocity)
 
     def read_localization(self, odometry: Pose2D) -> Pose2D:
-        """Return the estimated map pose by the pose in odom; may take a scan.
+        """Return the estimated pose in the map frame; mode particles may take a scan.
 
         Args:
             odometry: Pose in the odom frame at this instant.
@@ -250,7 +250,7 @@ class Simulator:
         return self.motion.take_touch()
 
     def read_joints(self) -> Joints:
-        """Return angles (rad) and speeds (rad/s) of the wheels, left, right in turn."""
+        """Return angles (rad) and speeds (rad/s) of the wheels, left before right."""
         robot = self._fleet.robots[self._index]
         model = self.motion.model
         # Wheels of one side turn alike: a chain or a common command drives them.
@@ -261,11 +261,11 @@ class Simulator:
         return Joints(angles * axles, (left, right) * axles)
 
     def moved_obstacles(self) -> Moved:
-        """Return cylinders displaced by over 1 mm, as rows of `World.cylinders_m`."""
+        """Return cylinders moved by over 1 mm, as rows of `World.cylinders_m`."""
         return self.motion.obstacles.moved()
 
     def _take_scan(self, lidar: Lidar, noise: Singles | None = None) -> Scan:
-        """Take a scan with a lidar among cylinders, walls and movers as of now."""
+        """Take a scan of cylinders, walls and moving obstacles now and return it."""
         motion = self.motion
         pose, _ = motion.place()
         height_m = self._scan_height_m
@@ -282,7 +282,7 @@ class Simulator:
         )
 
     def close(self) -> None:
-        """End the contact, and the physics clients too unless they were passed in."""
+        """Close the contact scene and, unless passed in, the physics clients."""
         self.motion.close()
         if self._owns_scenes:
             self._scenes.close()

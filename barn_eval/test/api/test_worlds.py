@@ -148,9 +148,9 @@ show 3 --out x.gif
 worlds convert dynabarn60 x --format original
     has no place for walls and moving
 metrics dynabarn60 --worlds 3
-    dynabarn_3: is an arena; metrics and difficulty are of worlds whose obstacles stand
+    dynabarn_3: is an arena; metrics and difficulty need a world whose obstacles stand
 difficulty predict dynabarn60 --worlds 3
-    dynabarn_3: is an arena; metrics and difficulty are of worlds whose obstacles stand
+    dynabarn_3: is an arena; metrics and difficulty need a world whose obstacles stand
 """
 
 

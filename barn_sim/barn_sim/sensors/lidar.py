@@ -35,7 +35,7 @@ class Lidar:
     """Noise in m and as a share of the range, shortest and longest range in m."""
 
     sweeps: bool
-    """Whether beams are taken one after the other, as the mirror turns."""
+    """Whether beams are taken in turn while the mirror rotates."""
 
     ages_ns: Floats
     """Time (n,) from each beam of a sweep to the last one; 0 if the lidar does not."""

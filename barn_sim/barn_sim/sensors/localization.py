@@ -15,14 +15,14 @@ from barn_worlds.worlds.world import World
 class FilterLocalization:
     """Behaves like adaptive Monte Carlo localization, without particles.
 
-    While the robot moves less than the update distances the correction from odom to map
+    Until the robot has moved by an update distance, the correction from odom to map
     stays, so the pose follows the odometry. Each update sets the correction so that the
     pose is the truth plus an error. The error is a first-order Gauss-Markov process
-    over the updates, with the configured standard deviations from the first one on.
+    over the updates. It has the configured standard deviations from the first update.
     """
 
     def __init__(self, config: LocalizationConfig, rng: np.random.Generator):
-        """Draw the first error.
+        """Create the filter and draw its first error.
 
         Args:
             config: Standard deviations, correlation and update distances.
@@ -41,7 +41,7 @@ class FilterLocalization:
         self._updated_at: Pose2D | None = None
 
     def estimate(self, truth: Pose2D, odometry: Pose2D) -> Pose2D:
-        """Return the estimated map pose; renews its error if the robot moved enough.
+        """Return the estimated map pose; draw a new error if the robot moved enough.
 
         Args:
             truth: True pose in the map frame.
@@ -68,7 +68,7 @@ class FilterLocalization:
 
 
 def localization_map(world: World, historical: bool) -> OccupancyMap:
-    """Return the occupancy map of a world for the particle filter, not for planners.
+    """Return a world's occupancy map for the particle filter, shifted if historical.
 
     Args:
         world: World of the trial.
@@ -90,7 +90,7 @@ def make_localization(
     mount: Pose2D,
     rng: np.random.Generator,
 ) -> FilterLocalization | ParticleLocalization:
-    """Return a filter that imitates amcl for mode "amcl", else a particle filter.
+    """Create the localization: `FilterLocalization` for mode amcl, else particles.
 
     Args:
         config: Configuration of the simulator.

@@ -1,4 +1,4 @@
-"""Odometry as the extended Kalman filter of the robot fuses it."""
+"""Odometry as the robot's extended Kalman filter fuses it."""
 
 import math
 
@@ -51,7 +51,7 @@ class FusedOdometry:
         fleet.robots[index]["speed_factor"] = 1.0
 
     def draw_errors(self, config: OdometryConfig, rng: Generator) -> None:
-        """Set the trial's constant errors, drawn anew: gyro bias and wheel radius.
+        """Draw and set the trial's constant errors: gyro bias and wheel radius.
 
         Args:
             config: Standard deviations of both errors over trials.
@@ -65,7 +65,7 @@ class FusedOdometry:
         robot["speed_factor"] = 1.0 + config.wheel_radius_error * radius
 
     def update(self, number: int) -> None:
-        """Set the yaw errors of the odometry to those of an update, counted from 0."""
+        """Set the errors of yaw and yaw rate to those of update `number`, from 0."""
         self.supply_noise(number, number)
         fleet = self._fleet
         robot = fleet.robots[self._index]
@@ -92,7 +92,7 @@ class FusedOdometry:
         self._next_number = first + len(noise)
 
     def read(self, stamp_ns: int) -> Odometry:
-        """Return pose and velocity in the odom frame now, with a time stamp in ns."""
+        """Return the odometry now, in the odom frame, with a time stamp in ns."""
         x, y, yaw, speed, yaw_rate = read_odometry(self._fleet.robots, self._index)
         pose = Pose2D(x, y, yaw).through_quaternion()
         return Odometry(stamp_ns, pose, Velocity2D(speed, yaw_rate))

@@ -51,11 +51,9 @@ class Motion(Checked):
     polynomial: A polynomial of the share of the period that has passed.
     """
 
-    kind: str = quantity(
-        "gazebo", "how positions between keys are found", choices=KINDS
-    )
+    kind: str = quantity("gazebo", "interpolation between keys", choices=KINDS)
     period_s: float = quantity(
-        10.0, "time after which it repeats", "s", 0.001, _LONGEST_PERIOD_S
+        10.0, "time after which the motion repeats", "s", 0.001, _LONGEST_PERIOD_S
     )
     # Time in s, x and y in m; not of a polynomial.
     keys: tuple[tuple[float, float, float], ...] = ()
@@ -202,8 +200,8 @@ class MovingObstacle(Checked):
     Sizes of the other shape are 0.
     """
 
-    name: str = quantity("obstacle", "its name, unique in the world")
-    shape: str = quantity("cylinder", "its shape", choices=SHAPES)
+    name: str = quantity("obstacle", "name, unique in the world")
+    shape: str = quantity("cylinder", "shape", choices=SHAPES)
     radius_m: float = quantity(0.0, "radius of a cylinder", "m", 0.0, 10.0)
     size_x_m: float = quantity(0.0, "length of a box along its own x", "m", 0.0, 20.0)
     size_y_m: float = quantity(0.0, "length of a box along its own y", "m", 0.0, 20.0)
@@ -211,7 +209,7 @@ class MovingObstacle(Checked):
     height_m: float = quantity(1.0, "height", "m", 0.01, 100.0)
     phase_s: float = quantity(
         0.0,
-        "time into its motion at time 0",
+        "time in the motion at the start",
         "s",
         -_LONGEST_PERIOD_S,
         _LONGEST_PERIOD_S,
@@ -246,7 +244,7 @@ class MovingObstacle(Checked):
 def check_scene(
     walls: tuple[Wall, ...], moving: tuple[MovingObstacle, ...], where: str
 ) -> None:
-    """Raise WorldError for too many walls or moving obstacles, or for equal names.
+    """Raise WorldError for too many walls or moving obstacles or for equal names.
 
     Args:
         walls: All straight walls of the world.

@@ -82,10 +82,9 @@ class Tracks:
         return len(self.names)
 
     def at(self, time_s: float) -> tuple[Points, Points]:
-        """Return positions (n, 2) in m and velocities (n, 2) in m/s at a time.
+        """Return positions (n, 2) in m, velocities (n, 2) in m/s at a time, map frame.
 
-        They are in the map frame. A velocity is that of the motion itself: a jump to
-        its begin has none.
+        A jump at the end of a period does not count as velocity.
         """
         positions = np.empty((len(self), 2))
         velocities = np.empty((len(self), 2))

@@ -12,7 +12,7 @@ from barn_worlds.base.config import Checked, optional, quantity
 
 @dataclass(frozen=True)
 class DriveConfig(Checked):
-    """The controller between commands and wheels, on a Jackal diff_drive_controller."""
+    """The controller between commands and wheels: on a Jackal, diff_drive_controller."""
 
     max_speed_m_s: float = quantity(2.0, "largest forward speed", "m/s", 0.0, 10.0)
     max_acceleration_m_s2: float = quantity(
@@ -23,23 +23,23 @@ class DriveConfig(Checked):
         25.0, "largest yaw acceleration", "rad/s2", 0.01, 1000.0
     )
     wheel_separation_multiplier: float = quantity(
-        1.5, "factor on the track width, for wheels that skid", "", 0.1, 10.0
+        1.5, "factor on the track width for wheels that skid", "", 0.1, 10.0
     )
     command_timeout_s: float = quantity(
-        0.5, "an older command stops the robot (ROS 1 Jackal 0.25)", "s", 0.01, 60.0
+        0.5, "age at which a command expires (ROS 1 Jackal: 0.25)", "s", 0.01, 60.0
     )
     command_latency_s: float = quantity(
         0.08, "time until a command takes effect (assumed)", "s", 0.0, 1.0
     )
     motor_lag_s: float = optional(
-        0.0, "time constant with which wheels follow the controller", "s", 0.0, 10.0
+        0.0, "time constant of the wheels behind the controller", "s", 0.0, 10.0
     )
     max_reverse_m_s: float = optional(
-        10.0, "largest speed backwards, where below max_speed_m_s", "m/s", 0.0, 10.0
+        10.0, "largest reverse speed, if below max_speed_m_s", "m/s", 0.0, 10.0
     )
     turn_deadband_rad_s: float = optional(
         0.0,
-        "yaw rate that is lost: slower turns do not happen, others are slower by it",
+        "yaw rate that is lost in every turn; the robot cannot turn slower",
         "rad/s",
         0.0,
         10.0,
@@ -61,37 +61,35 @@ class LidarConfig(Checked):
     angle_max_rad: float = quantity(
         2.35619, "direction of the last beam", "rad", -math.pi, math.pi
     )
-    range_min_m: float = quantity(0.1, "anything nearer reads -inf", "m", 0.0, 10.0)
-    range_max_m: float = quantity(30.0, "anything further reads +inf", "m", 0.1, 1000.0)
+    range_min_m: float = quantity(0.1, "shorter ranges read -inf", "m", 0.0, 10.0)
+    range_max_m: float = quantity(30.0, "longer ranges read +inf", "m", 0.1, 1000.0)
     rate_hz: float = quantity(50.0, "scans per second", "Hz", 0.1, 200.0)
     noise_m: float = quantity(0.001, "standard deviation of a range", "m", 0.0, 1.0)
-    mount_x_m: float = quantity(
-        0.055, "position forward of base_link", "m", -10.0, 10.0
-    )
+    mount_x_m: float = quantity(0.055, "distance ahead of base_link", "m", -10.0, 10.0)
     mount_z_m: float = quantity(0.241, "height above base_link", "m", -1.0, 10.0)
-    mount_y_m: float = optional(0.0, "position left of base_link", "m", -10.0, 10.0)
+    mount_y_m: float = optional(0.0, "distance left of base_link", "m", -10.0, 10.0)
     mount_yaw_rad: float = optional(
-        0.0, "direction of angle 0 of a scan, from base_link's x", "rad", -3.15, 3.15
+        0.0, "angle from base_link's x to angle 0 of a scan", "rad", -3.15, 3.15
     )
     noise_share: float = optional(
-        0.0, "that standard deviation as a share of the range, if larger", "", 0.0, 0.5
+        0.0, "standard deviation as a share of the range, if larger", "", 0.0, 0.5
     )
     sweeps: bool = optional(
-        False, "beams are taken one after the other, as the mirror turns"
+        False, "whether beams are taken in turn while the mirror rotates"
     )
     mixed_share: float = optional(
         0.0,
-        "share of beams at an edge that read between its sides (mixed pixels)",
+        "share of beams at edges that read a mix of near and far (mixed pixels)",
         "",
         0.0,
         1.0,
     )
     dropout_share: float = optional(
-        0.0, "share of the beams that read +inf whatever is there", "", 0.0, 1.0
+        0.0, "share of the beams that read +inf in any case", "", 0.0, 1.0
     )
     masked_from_rad: float = optional(
         0.0,
-        "beams from here to masked_to_rad read +inf, as behind a mast; none if equal",
+        "start of a masked sector, where beams read +inf; no sector if it ends here",
         "rad",
         -math.pi,
         math.pi,
@@ -100,14 +98,14 @@ class LidarConfig(Checked):
         0.0, "end of the masked sector", "rad", -math.pi, math.pi
     )
     blackout_share: float = optional(
-        0.0, "share of the scans that read +inf everywhere, in bursts", "", 0.0, 0.9
+        0.0, "share of the scans, in bursts, that read +inf everywhere", "", 0.0, 0.9
     )
     blackout_s: float = optional(
-        0.5, "mean length of such a burst, at least one scan", "s", 0.0, 60.0
+        0.5, "mean length of a burst of such scans, at least one", "s", 0.0, 60.0
     )
     unseen_share: float = optional(
         0.0,
-        "share of the cylinders that no beam sees, as glass, drawn for each trial",
+        "share of the cylinders, drawn for each trial, that are invisible, like glass",
         "",
         0.0,
         1.0,
@@ -148,11 +146,11 @@ class OdometryConfig(Checked):
         0.005, "standard deviation of the yaw rate", "rad/s", 0.0, 1.0
     )
     gyro_bias_rad_s: float = optional(
-        0.0, "standard deviation over trials of the gyro's bias", "rad/s", 0.0, 1.0
+        0.0, "standard deviation of the gyro's bias over trials", "rad/s", 0.0, 1.0
     )
     wheel_radius_error: float = optional(
         0.0,
-        "standard deviation over trials of the wheels' radius, as a share",
+        "relative standard deviation of the wheels' radius over trials",
         "",
         0.0,
         0.5,

@@ -54,11 +54,11 @@ class Chassis(Checked):
     inertia_kg_m2: tuple[float, float, float] = required(
         "moments about the center of mass", "kg m2", 1e-7, 1e6
     )
-    body_height_m: float = required("top of the body over the ground", "m", 0.01, 10.0)
+    body_height_m: float = required("height of the body's top", "m", 0.01, 10.0)
     ground_clearance_m: float = required(
-        "bottom of the body over the ground", "m", 0.0, 5.0
+        "height of the body's bottom above the ground", "m", 0.0, 5.0
     )
-    base_height_m: float = required("base_link over the ground", "m", -5.0, 10.0)
+    base_height_m: float = required("height of base_link", "m", -5.0, 10.0)
     wheel_radius_m: float = required("radius of the wheels", "m", 0.005, 2.0)
     wheel_width_m: float = required("width of a wheel", "m", 0.001, 2.0)
     wheel_z_m: float = required(
@@ -71,16 +71,16 @@ class Chassis(Checked):
         0.0, "distance between the axles; 0 for one axle", "m", 0.0, 20.0
     )
     axle_x_m: float = optional(
-        0.0, "x of the driven axle, or half way between two", "m", -10.0, 10.0
+        0.0, "x of the driven axle, or of the middle between two", "m", -10.0, 10.0
     )
     footprint_m: tuple[Corner, ...] = optional(
-        (), "corners of the outline, counter-clockwise; not of a round robot", "m"
+        (), "corners of the outline, counterclockwise; not for a round robot", "m"
     )
     footprint_radius_m: float = optional(
         0.0, "radius of a round robot about base_link", "m", 0.0, _LARGEST_M
     )
     casters_m: tuple[Corner, ...] = optional(
-        (), "x, y where casters touch the ground", "m"
+        (), "x, y of the points where casters touch the ground", "m"
     )
     body_m: tuple[float, float] = optional(
         (0.0, 0.0),
@@ -91,7 +91,7 @@ class Chassis(Checked):
     )
     description: str = optional(
         "",
-        "URDF that is published; empty: one made of these numbers",
+        "URDF to publish; empty: one generated from these numbers",
         choices=DESCRIPTIONS,
     )
 
@@ -333,7 +333,7 @@ class Robot(Checked):
         return self.chassis.name
 
     def drives_as(self, other: "Robot") -> bool:
-        """Return whether all is equal but names, summaries and sources."""
+        """Tell whether another robot is equal except for name, summary and sources."""
         chassis = replace(self.chassis, name=other.name)
         renamed = replace(
             self, chassis=chassis, summary=other.summary, sources=other.sources

@@ -1,7 +1,6 @@
 """Mass, center of mass, inertia and wheels of a robot from its URDF.
 
-All links together are one rigid body. Files of xacro are run by it where it is
-installed.
+All links together are one rigid body. xacro expands its files, if it is installed.
 """
 
 import math
@@ -91,8 +90,8 @@ def _run_xacro(path: Path) -> bytes:
     program = shutil.which("xacro")
     if program is None:
         raise ValueError(
-            "it needs xacro, which is not installed; where it is, run "
-            f"`xacro {path.name} > robot.urdf` and name that file"
+            "it needs xacro, which is not installed; on a computer that has it, run "
+            f"`xacro {path.name} > robot.urdf` and use that file"
         )
     memory = (_XACRO_BYTES, _XACRO_BYTES)
     try:
@@ -168,7 +167,7 @@ def _read_inertia(links: dict[str, Link]) -> dict[str, Any]:
         tensors.append(pose.rotation @ tensor @ pose.rotation.T)
     mass = sum(masses)
     if not 0.0 < mass < math.inf:
-        raise ValueError("no link has a mass, or one has none that is a number")
+        raise ValueError("no link has a mass, or a mass is not a finite number")
     weighted = np.array(masses)[:, None] * np.array(centers)
     center = weighted.sum(axis=0) / mass
 

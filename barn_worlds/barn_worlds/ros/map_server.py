@@ -38,12 +38,12 @@ class MapServerConfig(Checked):
     )
     world: int = quantity(0, "number of the world", "", 0, 999_999_999)
     resolution_m: float = quantity(
-        0.0, "resolution of the map, 0 for that of the world", "m", 0.0, 10.0
+        0.0, "resolution of the map; 0: that of the world", "m", 0.0, 10.0
     )
     historical_map: bool = quantity(
-        False, "place obstacles as the original map files do, one cell too near"
+        False, "place obstacles one cell too near, as the original map files do"
     )
-    frame_id: str = quantity(FRAMES.map, "frame of map and path")
+    frame_id: str = quantity(FRAMES.map, "frame of the map and the path")
 
 
 class MapServer(Node):

@@ -84,7 +84,7 @@ def build_world(
     # A world needs a path: any free cell will do until the course is planned.
     free_cell = np.argwhere(~grid)[:1]
     if not len(free_cell):
-        raise WorldError(f"{name}: no cell of it is free")
+        raise WorldError(f"{name}: no cell is free")
 
     world = World(
         name,

@@ -256,7 +256,7 @@ def test_a_start_beside_a_wall_may_be_nearer_to_it_than_the_way(world):
             np.tile(np.arange(60) % 4 == 0, (60, 1)),
             r"robot jackal, 7 x 7 cells, finds no path in it",
         ),
-        (np.ones((20, 20), bool), "no cell of it is free"),
+        (np.ones((20, 20), bool), "no cell is free"),
     ],
     ids=["narrow", "full"],
 )
