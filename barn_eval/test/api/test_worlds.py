@@ -166,7 +166,7 @@ def test_from_python_a_mistake_is_an_error_of_the_suite():
             {"crossing": True},
             "crossings and a number of obstacles are for the worlds of a data set",
         ),
-        ({"classes": ["esy"]}, "unknown class 'esy'; did you mean 'easy'?"),
+        ({"classes": ["esy"]}, "unknown motion class 'esy'; did you mean 'easy'?"),
         ({"parameters": {"radius": 1}}, "did you mean 'radius_m'?"),
     ):
         with refused(re.escape(message)):

@@ -114,7 +114,7 @@ def motion_class(name: str) -> MotionParameters:
     """Return the parameters of a motion class by name; ConfigError if there is none."""
     if name not in MOTION_CLASSES:
         hint = suggest(name, MOTION_CLASSES)
-        raise ConfigError(f"unknown class of motions {name!r:.60}{hint}")
+        raise ConfigError(f"unknown motion class {name!r:.60}{hint}")
     return MOTION_CLASSES[name]
 
 

@@ -135,6 +135,6 @@ def test_wrong_parameters_are_one_clear_line(changes, message, refused):
 
 def test_an_unknown_class_is_named_with_the_near_one():
     with pytest.raises(
-        ConfigError, match="unknown class 'medum'; did you mean 'medium'"
+        ConfigError, match="unknown motion class 'medum'; did you mean 'medium'"
     ):
         motion_class("medum")

@@ -262,7 +262,7 @@ def test_links_of_a_urdf_are_placed_and_turned_by_their_joints(tmp_path):
         ('<!DOCTYPE r [<!ENTITY a "b">]><robot>&a;</robot>', "EntitiesForbidden"),
         ("<robot name='r'><link name='x'/></robot>", "must have a link base_link"),
         ("<robot name='r'><link name='base_link'/></robot>", "no link has a mass"),
-        (TURNED.replace('value="2"', 'value="inf"'), "none that is a number"),
+        (TURNED.replace('value="2"', 'value="inf"'), "a mass is not a finite number"),
         (TURNED.replace('xyz="0 1 0"', 'xyz="0 1"'), "must be three numbers: '0 1'"),
         (TURNED.replace('<mass value="2"/>', ""), "without <mass>"),
         (
