@@ -23,7 +23,7 @@ TURNING_WINDOW_M = 0.75
 def world_features(world: World) -> dict[str, float]:
     """Return a world's features by name: clearance, gaps and turning along its path.
 
-    Its grid, path and size of cells count; cells that the path repeats count once.
+    Cells that the path repeats count once.
     """
     path = without_repeats(world.path)
     lengths = side_lengths(path) * world.resolution_m
@@ -176,7 +176,7 @@ def _smallest_largest_gap(centers: Floats, rows: float) -> float:
 
 
 def _narrow_passages(is_narrow: Bools, lengths: Floats) -> tuple[int, float]:
-    """Return the number of narrow stretches of a path, and the longest in m."""
+    """Return the number of narrow stretches of a path, and the longest one's length."""
     places_m = np.append(0.0, np.cumsum(lengths))
     labels, count = ndimage.label(is_narrow)
     longest_m = 0.0

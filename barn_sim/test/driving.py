@@ -6,7 +6,7 @@ from barn_worlds.base.types import Velocity2D
 
 
 def readings_of(simulator, commands):
-    """Return the first readings of a simulator and those after each command, and close it."""
+    """Drive a simulator by commands, close it and return its first readings and those after each command."""
     with closing(simulator):
         return [simulator.sense(), *(simulator.step(command) for command in commands)]
 

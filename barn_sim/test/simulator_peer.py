@@ -140,7 +140,7 @@ TRIAL = {
 
 
 def assert_equal(heard, config, sent):
-    """Check that a peer has heard just what the simulator reads in that trial, to the last bit, and return that."""
+    """Check that a peer heard, to the last bit, what a new simulator reads in that trial; return those readings."""
     start = Pose2D(TRIAL["start_x_m"], TRIAL["start_y_m"], TRIAL["start_yaw_rad"])
     world = open_dataset("barn300").load(TRIAL["world"])
     expected = readings_of(Simulator(world, config, start, TRIAL["seed"]), sent)

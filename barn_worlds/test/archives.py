@@ -13,7 +13,7 @@ def members(path):
 
 
 def repack(path, changes):
-    """Write a file anew with some members changed or added, or left out where None stands for them."""
+    """Rewrite a zip file with some members changed or added, or removed where the value is None."""
     content = members(path) | changes
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, data in content.items():
@@ -22,7 +22,7 @@ def repack(path, changes):
 
 
 def pickled():
-    """Return a .npy file of an object."""
+    """Return the bytes of a .npy file with a pickled object."""
     file = io.BytesIO()
     np.save(file, np.array([print], dtype=object))
     return file.getvalue()

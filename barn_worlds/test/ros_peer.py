@@ -29,7 +29,7 @@ class Peer:
         """Spin until a condition holds; fail after a while."""
         deadline = time.monotonic() + LIMIT_S
         while not done():
-            assert time.monotonic() < deadline, f"waited in vain for {what}"
+            assert time.monotonic() < deadline, f"timed out waiting for {what}"
             self.executor.spin_once(timeout_sec=0.05)
 
     def call(self, name: str, kind: type = Trigger, **fields):

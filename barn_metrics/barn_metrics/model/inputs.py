@@ -1,6 +1,6 @@
-"""What the difficulty model sees of a world, in a fixed order.
+"""The difficulty model's inputs from a world, in a fixed order.
 
-First come numbers that sum the world up, then strips of what lies beside routes.
+They begin with numbers that summarize the world and end with strips along routes.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -46,7 +46,7 @@ def _travel_time(clearance: Floats) -> Floats:
 
 
 def _costmap_cost(clearance: Floats) -> Floats:
-    """Return cost per m by clearance (m), as the paper's inflated costmap has it."""
+    """Return cost per m by clearance (m), as in the paper's inflated costmap."""
     inscribed_m = 0.195
     inflation_m = 0.30
     decay = 1.0 + 4.0 * np.exp(-10.0 * (clearance - inscribed_m))
@@ -71,7 +71,7 @@ STRIPS = ("planned", "padded", "quick")
 
 @cache
 def summary_names() -> tuple[str, ...]:
-    """Return the names of the model's inputs that sum a world up; they come first."""
+    """Return the names of the inputs that summarize a world; they come first."""
     # Names do not depend on the world, so the smallest one that has all inputs will do.
     straight = np.stack([np.full(5, 2), np.arange(5)], axis=1)
     grid = np.zeros((5, 5), np.bool_)
@@ -119,7 +119,7 @@ def _find_routes(clearance: ClearanceMap) -> dict[str, Route]:
 def _summarize(
     world: World, clearance: ClearanceMap, routes: Mapping[str, Route]
 ) -> dict[str, float]:
-    """Return the model's inputs that sum a world up, by name, in their order."""
+    """Return the model's inputs that summarize a world, by name, in their order."""
     # Tortuosity is a metric and a feature; the metric comes first and counts.
     metrics = asdict(world_metrics(world))
     summary = metrics | world_features(world) | metrics | _summarize_ends(clearance)

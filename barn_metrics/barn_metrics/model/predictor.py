@@ -1,6 +1,6 @@
-"""The difficulty model: inputs of a world in, predicted time per meter out.
+"""The difficulty model, which predicts a world's time per meter from its inputs.
 
-Its networks are evaluated with NumPy.
+NumPy evaluates its networks.
 """
 
 from collections.abc import Mapping
@@ -84,7 +84,7 @@ class RouteNetwork:
 def moments(values: Floats) -> tuple[Floats, Floats]:
     """Return mean and standard deviation (d,) over the rows of values (n, d).
 
-    The deviation of what does not vary is 1.
+    The deviation of a constant column is 1.
     """
     std = values.std(axis=0)
     return values.mean(axis=0), np.where(std > 1e-9, std, 1.0)
@@ -146,11 +146,11 @@ def _convolve(values: Floats, weights: Floats, dilation: int) -> Floats:
 
 @dataclass(frozen=True)
 class Prediction:
-    """What the model predicts of a world."""
+    """The model's prediction for a world."""
 
     # Scored time per meter of path, failures included, averaged over planners.
     difficulty_s_per_m: float
-    # Standard deviation to expect of what trials in a new world give around it.
+    # Expected standard deviation of trials in a new world around the prediction.
     std_s_per_m: float
     per_planner_s_per_m: dict[str, float]
 

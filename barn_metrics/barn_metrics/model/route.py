@@ -1,4 +1,4 @@
-"""Where a robot would drive: cheapest routes from the paper's start to its goal.
+"""Cheapest routes for a robot from the paper's start to its goal.
 
 Obstacles are squares, as on the map that planners get, at a third of the world's
 resolution.
@@ -216,7 +216,7 @@ def route_strip(clearance: ClearanceMap, route: Route) -> Floats:
 
     Args:
         clearance: The map.
-        route: What the strip lies beside; only its points count.
+        route: Route along which the strip lies; only its points are used.
 
     Returns: (SAMPLES, CHANNELS), zero after the end of the route. Channels are: the
         clearance on a line across the route from left to right, from -1 (none) to 1

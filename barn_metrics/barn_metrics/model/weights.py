@@ -28,20 +28,20 @@ FORMAT = NpzFormat(
 
 @dataclass(frozen=True)
 class _Member(Checked):
-    """What the header says of one network."""
+    """The header's entry for one network."""
 
-    kind: str = quantity("sequence", "what its arrays make", choices=("sequence",))
+    kind: str = quantity("sequence", "kind of network", choices=("sequence",))
     weight: float = quantity(1.0, "share in the mean", "", 0.0, 1.0)
     layers: int = quantity(2, "fully connected layers", "", 1, 8)
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Header(Checked):
-    """What a file of weights says of its arrays, in the words of `DifficultyModel`."""
+    """The header of a file of weights, with the fields of `DifficultyModel`."""
 
     schema: int
-    recipe: str = quantity("routes", "how it was trained", choices=("routes",))
-    inputs: str = quantity("strips", "what it sees", choices=("strips",))
+    recipe: str = quantity("routes", "method of training", choices=("routes",))
+    inputs: str = quantity("strips", "kind of inputs", choices=("strips",))
     input_names: tuple[str, ...]
     planners: tuple[str, ...]
     relative_std: float = quantity(0.0, "spread about the prediction", "", 0.0, 1e6)
@@ -125,7 +125,7 @@ def load_model(path: Path | str | None = None) -> DifficultyModel:
     # A damaged file may still have arrays of the right shapes.
     if header.sha256 != _checksum(arrays):
         raise ModelError(
-            f"{path}: damaged: its arrays do not have the checksum of the header"
+            f"{path}: damaged: its arrays do not match the checksum in the header"
         )
 
     networks = []

@@ -30,7 +30,7 @@ def file(tmp_path):
 
 
 def rewrite(path, change, *, signed=True):
-    """Write the file anew with other arrays or entries of its header, its checksum put right unless told not to."""
+    """Rewrite the file with other arrays or header entries; correct its checksum unless told not to."""
     content = members(path)
     header = json.loads(content["header.json"])
     for name, value in change.items():

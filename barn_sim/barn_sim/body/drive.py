@@ -23,7 +23,7 @@ class DriveController:
         fleet: Fleet,
         index: int,
     ):
-        """Fill in the settings of the drive.
+        """Write the drive's limits, latency and lag to the settings of a fleet.
 
         Args:
             config: Limits and delays.
@@ -72,7 +72,7 @@ class DriveController:
 def add_command(
     fleet: Fleet, index: int, arrival_ns: int, linear: float, angular: float
 ) -> None:
-    """Append a command to a robot's queue; whether it has room is not checked.
+    """Append a command to a robot's queue, which must have room (not checked).
 
     Args:
         fleet: Robots with their commands.

@@ -166,7 +166,7 @@ class Tires:
     """Springs and dampers under the wheels and casters of a robot."""
 
     def __init__(self, model: RobotModel, config: PhysicsConfig):
-        """Choose springs that give way as configured under the robot's weight.
+        """Choose springs with the configured deflection under the robot's weight.
 
         Args:
             model: The robot.
@@ -219,7 +219,7 @@ class Tires:
             raise ConfigError(
                 f"robot {model.name}: chassis.inertia_kg_m2 is too small for a body on"
                 f" tires in physics steps of {tick_s:g} s (physics.tick_s): it would"
-                " shake ever more"
+                " vibrate more and more"
             )
 
 
@@ -228,7 +228,7 @@ tires_of = cache(Tires)
 
 @inline_kernel
 def begin_tires(robot: Record, fixed: Record) -> tuple[Motion, Rims]:
-    """Set the wheels' loads of a tick; return what the friction solver starts from.
+    """Set the wheels' loads for a tick; return the friction solver's initial values.
 
     Args:
         robot: Record of the robot, with the rim speeds of the tick.

@@ -178,7 +178,7 @@ class Fleet(NamedTuple):
 
     @classmethod
     def of(cls, count: int, capacity: int = _PENDING) -> "Fleet":
-        """Return a fleet whose records are all zero, which simulators then fill in.
+        """Return a fleet whose records are all zero, for simulators to fill in.
 
         Args:
             count: Number of robots.

@@ -52,6 +52,6 @@ def connect(*, renders: bool = False) -> int:
 
 
 def disconnect(client: int) -> None:
-    """End a physics client by its number; one that has ended already is no error."""
+    """End a physics client by its number; do nothing if it has already ended."""
     if bullet.isConnected(client):
         bullet.disconnect(physicsClientId=client)

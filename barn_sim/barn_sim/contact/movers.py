@@ -43,7 +43,7 @@ class Movers:
         config: SimulatorConfig,
         gap_m: float,
     ):
-        """Put up the walls and moving obstacles of a world.
+        """Create the walls and moving obstacles of a world, without bodies yet.
 
         Args:
             extent: x_min, y_min, x_max, y_max (4,) of the robot in base_link, m.
@@ -147,7 +147,7 @@ class Movers:
         return bool((gaps <= self._wake_m + _LEAVE_GAP_M).any() and self._bodies)
 
     def end_contact(self) -> None:
-        """Forget the numbers of the bodies; it does not remove them from the scene."""
+        """Forget the numbers of the bodies; do not remove them from the scene."""
         self._bodies.clear()
 
     def _pose(self, index: int) -> tuple[Vector, Quaternion]:

@@ -1,4 +1,4 @@
-"""The cylinders of a world. Only those near the robot are bodies of the physics client.
+"""The cylinders of a world, with bodies in the physics client only near the robot.
 
 A cylinder is a row of an array and costs nothing while the robot is more than a few
 centimeters away. It becomes a body when the robot, or another cylinder that is being
@@ -80,7 +80,7 @@ class Obstacles:
     def __init__(
         self, model: RobotModel, world: World, config: ObstacleConfig, gap_m: float
     ):
-        """Put up the cylinders of a world.
+        """Create the cylinders of a world, all upright at home and without bodies.
 
         Args:
             model: Size of the robot.
@@ -126,7 +126,7 @@ class Obstacles:
 
     @property
     def is_contact_over(self) -> bool:
-        """Whether nothing that moves was near a body for 50 ticks; or no bodies."""
+        """Whether nothing moving was near any body for over 50 ticks (True without)."""
         return all(self._is_at_rest(index) for index in self._bodies)
 
     def _is_at_rest(self, index: int) -> bool:
@@ -134,7 +134,7 @@ class Obstacles:
         return self._ticks - self._needed_at[index] > REST_TICKS
 
     def end_contact(self) -> None:
-        """Forget the numbers of the bodies; it does not remove them from the scene."""
+        """Forget the numbers of the bodies; do not remove them from the scene."""
         self._bodies.clear()
         self._is_body[:] = False
         self._pushed[:] = False
@@ -168,7 +168,7 @@ class Obstacles:
     def _near(
         self, candidates: Bools, x: float, y: float, yaw: float, robot_within_m: float
     ) -> tuple[list[int], float]:
-        """Return rows of candidates near robot or pushed ones, and the free way."""
+        """Return candidates' rows near robot or pushed cylinders, and the free way in m."""
         indices, free_m = near_cylinders(
             self.segments,
             candidates,

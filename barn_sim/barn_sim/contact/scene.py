@@ -241,7 +241,7 @@ class ScenePool:
     """
 
     def __init__(self) -> None:
-        """Make a pool without scenes; `acquire` creates them."""
+        """Create an empty pool; `acquire` adds scenes."""
         self._idle: list[ContactScene] = []
 
     def acquire(self, model: RobotModel, config: PhysicsConfig) -> ContactScene:

@@ -41,7 +41,7 @@ class RobotPart(NamedTuple):
 
 
 def robot_parts(chassis: Chassis, lidar: LidarConfig) -> list[RobotPart]:
-    """Return the primitives to draw a robot of: a Jackal's look, or the physics body.
+    """Return the primitives that draw a robot: a Jackal's look, else its physics body.
 
     Args:
         chassis: The robot.
@@ -53,7 +53,7 @@ def robot_parts(chassis: Chassis, lidar: LidarConfig) -> list[RobotPart]:
 
 
 def jackal_parts(chassis: Chassis, lidar: LidarConfig) -> list[RobotPart]:
-    """Return the primitives to draw a Jackal of, from jackal.yaml, wheels and lidar.
+    """Return the primitives that draw a Jackal, from jackal.yaml, wheels and lidar.
 
     Args:
         chassis: The Jackal's wheels and track.

@@ -77,7 +77,7 @@ def advance_all(
     latency_ns: int,
     left: Integers,
 ) -> None:
-    """Queue commands; advance robots until ticks end or a cylinder or mover is near.
+    """Queue commands and advance robots; write the ticks that each has left to `left`.
 
     Args:
         fleet: Robots with room for one more command each.

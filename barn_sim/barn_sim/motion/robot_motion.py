@@ -60,7 +60,7 @@ class RobotMotion:
     def __init__(
         self, config: SimulatorConfig, scenes: ScenePool, fleet: Fleet, index: int
     ):
-        """Fill in the settings of the fleet.
+        """Write the settings of body, tires, drive and odometry to the fleet.
 
         Args:
             config: The robot.

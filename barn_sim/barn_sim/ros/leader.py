@@ -61,7 +61,7 @@ class Leader:
         reset: Callable[[], Answer],
         pause: Callable[[bool], Answer],
     ):
-        """Listen to the line in a thread, and refuse changes of parameters.
+        """Start a thread that listens to the line; refuse changes of parameters.
 
         Args:
             node: Node that is led.
@@ -96,11 +96,11 @@ class Leader:
         self._line.send(tipped=text)
 
     def begin_reading(self) -> None:
-        """Begin to measure what the planner computes for a reading."""
+        """Start measuring the planner's processor time for a reading."""
         self._reading_processor_ns = self._processor_time_ns()
 
     def report_answer(self, stamp_ns: int) -> None:
-        """Tell the evaluator that readings are answered, and what that has taken."""
+        """Send the evaluator the stamp of answered readings and the processor time."""
         computed_ns = None
         if self._planner_pids:
             computed_ns = self._processor_time_ns() - self._reading_processor_ns
@@ -109,7 +109,7 @@ class Leader:
         self._line.send(answered=stamp_ns, processor_ns=computed_ns)
 
     def is_planner_busy(self) -> bool:
-        """Return whether the main thread of a planner's process wants a processor."""
+        """Tell whether the main thread of a planner process runs or is ready to run."""
         for pid in self._planner_pids:
             with suppress(OSError):
                 text = Path(f"/proc/{pid}/stat").read_text("utf-8", "replace")
@@ -119,7 +119,7 @@ class Leader:
         return False
 
     def _processor_time_ns(self) -> int:
-        """Return the time on processors so far of the planner's living processes."""
+        """Return the processor time in ns so far of the planner's living processes."""
         total_ns = 0
         for pid in self._planner_pids:
             with suppress(OSError):
@@ -146,12 +146,12 @@ class Leader:
                 self._executor.create_task(lambda: None)
 
     def _serve(self, request: dict[str, Any]) -> None:
-        """Carry out a request and send its answer over the line."""
+        """Execute a request and send its answer over the line."""
         ok, text = self._answer(request)
         self._line.send(answer=request["number"], ok=ok, text=text)
 
     def _answer(self, request: dict[str, Any]) -> Answer:
-        """Do introduce, pause, reset or set_parameters; return success and text."""
+        """Execute a request (such as "pause") and return success and an answer."""
         match request["do"]:
             case "introduce":
                 return True, self._identity

@@ -35,7 +35,7 @@ class Rhythm:
     """Whether the period is the declared one."""
 
     missed: int
-    """Waits of the trial that were in vain, without those of a search that succeeded."""
+    """Missed commands of the trial, except during a search that succeeded."""
 
     def __init__(self, rate_hz: float = 0.0):
         """Start with the declared rate of commands; 0 if none is declared."""
@@ -46,7 +46,7 @@ class Rhythm:
         self._step_ns = 1
         self._wait_s = 0.0
         self._is_first_wait = True
-        # Whether a wait was in vain, and what the instants since then have shown.
+        # Whether a wait has failed, and what the instants since then have shown.
         self._is_searching = False
         self._silent_instants = 0
         self._command_instants_ns: list[int] = []
@@ -60,7 +60,7 @@ class Rhythm:
         self._last_command_ns: int | None = None
 
     def begin_trial(self, step_ns: int, wait_s: float) -> None:
-        """Begin a trial; what earlier trials have shown stays.
+        """Begin a trial; keep the period that earlier trials have shown.
 
         Args:
             step_ns: Control period of the trial.
@@ -77,14 +77,14 @@ class Rhythm:
 
     @property
     def is_timed_by_planner(self) -> bool:
-        """Whether a first command is waited for of a planner with a rate of its own.
+        """Whether the current wait is for the first command of a periodic planner.
 
         How long the wait lasts then says nothing about the planner's computing.
         """
         return bool(self.period_ns and self._is_waiting and not self._commands_s)
 
     def expects(self, now_ns: int, *, has_scan: bool) -> bool:
-        """Return whether a command is waited for at an instant, with or without scan."""
+        """Tell whether to wait for a command at an instant: by scan or by period."""
         if self._is_searching:
             return True
         if not self.period_ns:
@@ -100,7 +100,7 @@ class Rhythm:
         self._hold_s = 0.0
 
     def hear(self, now_ns: int, now_s: float) -> None:
-        """Note a command, whether it is waited for or not."""
+        """Record a command, expected or not, and learn the planner's timing from it."""
         self._last_command_ns = now_ns
         if not self._is_waiting:
             return
@@ -118,11 +118,11 @@ class Rhythm:
                 self._hold_s = min(1.5 * longest_s, _LONGEST_HOLD_S)
 
     def remaining_s(self, now_s: float) -> float:
-        """Return for how much longer the wait under way should last, 0 or less: over."""
+        """Return how many seconds the current wait should go on; it is over at <= 0."""
         return self._event_s + self._limit_s() - now_s
 
     def end_wait(self, now_ns: int) -> None:
-        """Conclude from the wait of an instant what the planner answers."""
+        """End the wait of an instant; without a command, search for a period."""
         self._is_waiting = False
         is_answered = bool(self._commands_s)
         if self._is_searching:
@@ -156,7 +156,7 @@ class Rhythm:
         return self._wait_s
 
     def _search(self, now_ns: int, *, is_answered: bool) -> None:
-        """Learn from an instant of a search; end it once the commands agree."""
+        """Record an instant of a search; adopt a period once the commands agree."""
         if not is_answered:
             self._silent_instants += 1
             if not self.period_ns:
@@ -177,7 +177,7 @@ class Rhythm:
             self._find(max(intervals_ns))
 
     def _judge_unasked(self, interval_s: float) -> None:
-        """Judge a second command to one reading, an interval after the first."""
+        """Adopt a period if the second command to a reading, so much later, shows one."""
         typical_s = median(self._recent_intervals_s())
         self._hold_s = 0.0
         # A second command at once comes from the same reading. Where a timer is so fast
@@ -188,12 +188,12 @@ class Rhythm:
             self._find(1e9 * typical_s - 0.1 * self._step_ns)
 
     def _recent_intervals_s(self) -> list[float]:
-        """Return the wall-clock times between the last answers, without the first."""
+        """Return the wall-clock times (s) between answers, without the first ones."""
         recent_s = self._answers_s[_WAITS_BEFORE_HOLD // 2 :]
         return [later - earlier for earlier, later in pairwise(recent_s)]
 
     def _find(self, period_ns: float) -> None:
-        """Adopt a period that was found, in whole steps; forget the waits in vain."""
+        """Adopt a measured period in whole steps; set the missed commands to 0."""
         self.period_ns = self._whole_steps(period_ns)
         self._is_searching = False
         self.missed = 0

@@ -171,7 +171,7 @@ class SimulatorNode(Node):
         trial.step()
 
     def _await_reading(self, trial: SimulatedTrial) -> None:
-        """Give a planner with a rate of its own the time to read what is published.
+        """Serve callbacks while a periodic planner is busy, up to a control period.
 
         Its next command would otherwise come from readings that are long past. It gets
         no longer than on a robot.
@@ -183,7 +183,7 @@ class SimulatorNode(Node):
             is_busy = self._leader is not None and self._leader.is_planner_busy()
 
     def _await_answer(self, trial: SimulatedTrial) -> bool:
-        """Wait for a command in a trial; return whether the trial goes on after it."""
+        """Wait for a command or the limit; return whether the trial continues."""
         rhythm = self._rhythm
         rhythm.begin_wait(time.monotonic())
         if self._leader is not None:
@@ -196,7 +196,7 @@ class SimulatorNode(Node):
         return True
 
     def _is_ahead(self) -> bool:
-        """Tell whether the evaluator, if any, has yet to hear five control periods."""
+        """Tell whether the simulator is five periods ahead of its evaluator, if any."""
         if self._leader is None:
             return False
         trial = self.trial
@@ -212,7 +212,7 @@ class SimulatorNode(Node):
         return leader.is_awaited
 
     def _advance_freely(self) -> None:
-        """Send the stored command, advance to the next reading, publish, keep pace."""
+        """Advance to the next reading at the set pace; only serve callbacks if paused."""
         trial = self.trial
         config = trial.config
         if self._paused:
@@ -251,11 +251,11 @@ class SimulatorNode(Node):
             self._serve(min(remaining_s, _WAIT_S))
 
     def _serve(self, timeout_s: float) -> None:
-        """Run one callback of the executor, for which it waits so many seconds."""
+        """Run one callback of the executor; wait for it at most `timeout_s`."""
         self._executor.spin_once(timeout_sec=timeout_s)
 
     def _describe(self) -> str:
-        """Return a line for the log: world, data set, seed, pace, if paused."""
+        """Return a line for the log with world, data set, seed, pace and any pause."""
         config = self.trial.config
         mode = "as fast as possible"
         if self._config.lockstep:
@@ -280,9 +280,10 @@ class SimulatorNode(Node):
         rhythm.hear(self.trial.now_ns, time.monotonic())
 
     def _reset(self) -> Answer:
-        """Replace the trial by one of the current parameters; publish its start.
+        """Start a trial with the current parameters and publish its first messages.
 
-        If its world or robot cannot be read, the trial stays and the answer is False.
+        If its world or robot cannot be read, the old trial stays, and the answer is
+        False.
         """
         before = self.trial
         try:

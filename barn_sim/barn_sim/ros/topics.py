@@ -95,7 +95,7 @@ class CommandInput:
         self.check_publishers()
 
     def check_publishers(self) -> None:
-        """Subscribe anew if the publishers' type or reliability differs; log strangers.
+        """Resubscribe if publishers' type or reliability differs; log ignored ones.
 
         Publishers of another type are complained of once per trial.
         """
@@ -142,7 +142,7 @@ class CommandInput:
 
 
 class Outputs:
-    """Publishes messages, and sends what the referee judges by over the private line.
+    """Publishes messages; sends those that the referee needs over the private line.
 
     Transforms are published only where their type is installed, the truth only if the
     configuration allows it.

@@ -16,7 +16,7 @@ from barn_worlds.robots.files import load_robot
 
 @dataclass
 class SimulatedTrial:
-    """A simulator, and how far its conversation with the planner has come."""
+    """A simulator and the state of its exchange with the planner."""
 
     config: RunConfig
     simulator: Simulator
@@ -119,7 +119,7 @@ class SimulatedTrial:
         return self.simulator.stamp_ns % nanoseconds(1.0 / rate_hz) == 0
 
     def counts(self) -> dict[str, int]:
-        """Return how many commands came, were missed, invalid and extra, by name."""
+        """Return the numbers of received, missed, invalid, extra commands by name."""
         return {
             "commands": self.commands,
             "missed_commands": self.rhythm.missed,

@@ -81,13 +81,13 @@ class Lidar:
         self._begin_chance = config.blackout_share / pause_scans
 
     def begin(self, rng: np.random.Generator) -> None:
-        """Start over with another source of all noise."""
+        """Restart: use a new source of noise, and end any blackout."""
         self.rng = rng
         self._is_blind = False
 
     @property
     def is_plain(self) -> bool:
-        """Whether all beams are taken at once, with noise and limits as only errors."""
+        """Whether all beams are taken at once, with no errors but noise and limits."""
         config = self._config
         return not (
             config.sweeps
@@ -163,7 +163,7 @@ class Lidar:
         self.rng.standard_normal(out=noise, dtype=np.float32)
 
     def scan_of(self, stamp_ns: int, measured: Singles) -> Scan:
-        """Return a `Scan` of ranges that have their noise and limits already.
+        """Wrap ranges (beams,) in m in a `Scan`; add no noise and apply no limits.
 
         Args:
             stamp_ns: Time of the scan since the start of the trial.

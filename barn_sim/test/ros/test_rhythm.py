@@ -95,7 +95,7 @@ def test_a_timer_on_simulated_time_is_waited_for_when_it_is_due(hz, is_declared)
     assert rhythm.period_ns == math.ceil(20.0 / hz) * STEP_NS
     assert rhythm.missed == 0
     waited, answered, _ = drive(rhythm, planner, 600, trial=2)
-    # At its first instant a trial may wait in vain for a moment, and then never.
+    # Only at its first instant may a trial wait for a moment without a command.
     assert len(set(waited) - set(answered)) <= 1 + math.ceil(20.0 / hz)
     assert rhythm.missed == 0
 

@@ -12,7 +12,7 @@ from barn_worlds.base.config import Checked, optional, quantity
 
 @dataclass(frozen=True)
 class DriveConfig(Checked):
-    """The controller between commands and wheels: on a Jackal, diff_drive_controller."""
+    """The controller from commands to wheels; on a Jackal, diff_drive_controller."""
 
     max_speed_m_s: float = quantity(2.0, "largest forward speed", "m/s", 0.0, 10.0)
     max_acceleration_m_s2: float = quantity(
@@ -39,7 +39,7 @@ class DriveConfig(Checked):
     )
     turn_deadband_rad_s: float = optional(
         0.0,
-        "yaw rate that is lost in every turn; the robot cannot turn slower",
+        "yaw rate lost in every turn; a smaller command does not turn the robot",
         "rad/s",
         0.0,
         10.0,

@@ -32,7 +32,7 @@ def worlds():
 
 @pytest.fixture
 def layout(tmp_path, worlds):
-    """A folder of them in the original layout."""
+    """A folder with the three worlds in the original layout."""
     folder = tmp_path / "layout"
     write_original(folder, worlds, {6: np.arange(5.0)})
     return folder

@@ -41,7 +41,7 @@ def linear(color):
 
 
 def contrast(color, paper):
-    """The contrast of WCAG 2.2."""
+    """The contrast ratio of two colors by WCAG 2.2."""
     low, high = sorted(float(TO_XYZ[1] @ linear(one)) for one in (color, paper))
     return (high + 0.05) / (low + 0.05)
 

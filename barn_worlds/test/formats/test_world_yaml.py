@@ -61,7 +61,7 @@ def scenes(small_world):
 
 @pytest.fixture
 def dataset_file(scenes, tmp_path):
-    """A data set file of them."""
+    """A data set file with the worlds of `scenes`."""
     write_dataset_file(tmp_path / "scenes.npz", "scenes", scenes)
     return tmp_path / "scenes.npz"
 

@@ -74,7 +74,7 @@ def some_shapes(rng, count=60):
 
 
 def points_of(shape):
-    """Return dense points (n, 2) of a shape, its inside as well."""
+    """Return dense points (n, 2) on the edge and inside of a shape."""
     if shape[2] > 0.0:
         angles, radii = np.meshgrid(
             np.linspace(0.0, 2.0 * math.pi, 200), np.linspace(0.0, shape[2], 12)

@@ -258,7 +258,7 @@ def test_transforms_and_diagnostics():
 
 
 def refusal(decoder, data, expected=None):
-    """Return why bytes are refused, an empty text if they are read; the content is then what is expected, if given."""
+    """Return the error message for bytes, or "" if they are read; compare their content with `expected`, if given."""
     try:
         decoded = content(decoder(data))
     except MessageError as error:

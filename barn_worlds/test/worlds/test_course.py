@@ -47,7 +47,7 @@ def opened(path, robot=STANDARD_ROBOT):
 
 @pytest.fixture
 def world(tmp_path):
-    """The hall without a course."""
+    """The hall, opened without a course."""
     return opened(written(tmp_path, hall()))
 
 

@@ -228,7 +228,7 @@ class Lab:
     def until(self, condition: Callable[[], T], what: str) -> T:
         """Wait for a condition and return its value."""
         while not (value := condition()):
-            hold(time.monotonic() < self._deadline, f"waited in vain for {what}")
+            hold(time.monotonic() < self._deadline, f"timed out waiting for {what}")
             time.sleep(0.01)
         return value
 
