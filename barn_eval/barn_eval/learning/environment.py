@@ -160,8 +160,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         episodes = self._episodes
         spec = self._draw_trial(_check_options(options))
         along = self.config.reward.progress_along
-        path = path_points(spec.world, spec.course, along)
-        episodes.begin(self._index, spec, path)
+        episodes.begin(self._index, spec, path_points(spec.world, spec.course, along))
         if self.render_mode:
             self._top_view = TopView(spec, self._index)
         if self._is_in_batch:

@@ -182,7 +182,7 @@ class Episodes:
         self._encode(rows)
 
     def _read(self, rows: Integers) -> None:
-        """Read sensors and poses of `rows`."""
+        """Read the sensors of `rows` into `readings`, and their poses."""
         if len(rows) == 0:
             return
         self.batch.read(rows)

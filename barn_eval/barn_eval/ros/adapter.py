@@ -155,7 +155,7 @@ class TrialAdapter:
                 )
 
     def _judge_reading(self) -> bool:
-        """Judge odometry and truth if both are there; return whether it is over."""
+        """Judge a complete reading, if there is one; return whether a verdict stands."""
         if (
             self._truth is not None
             and self._odometry is not None

@@ -26,7 +26,7 @@ class TrialEnded(Exception):
     """Something ends the trial with an outcome that the referee does not decide."""
 
     def __init__(self, outcome: Outcome, detail: str, culprit: str = ""):
-        """Describe the end.
+        """Store outcome, detail and culprit of the trial's end.
 
         Args:
             outcome: Outcome of the trial.

@@ -35,7 +35,7 @@ class TopicGoal:
     action_result: str | None = None
 
     def __init__(self, loop: EvaluatorLoop, view: GraphView, config: EvaluatorConfig):
-        """Create the publisher.
+        """Create the publisher of goals.
 
         Args:
             loop: Spends the time of waits.
@@ -50,11 +50,10 @@ class TopicGoal:
         self.offered = [Endpoint(self._publisher.topic_name, GOAL_POSE.type_name, b"")]
 
     def begin(self, goal: bytes) -> None:
-        """Publish a serialized PoseStamped once all subscriptions are connected.
+        """Publish a serialized PoseStamped once connected, or raise PlannerNotReady.
 
-        PlannerNotReady is raised if they are not connected within the limit.
-
-        A planner without ~/ready gets it only once.
+        All subscriptions on the graph must connect within the limit. A planner without
+        ~/ready gets the goal only once.
         """
         topic = self._publisher.topic_name
         subscriptions = len(self._view.subscriptions(topic))
@@ -79,7 +78,7 @@ class ActionGoal:
     """Goals of an action such as NavigateToPose, which reports their result."""
 
     def __init__(self, loop: EvaluatorLoop, config: EvaluatorConfig):
-        """Create the action client.
+        """Create the action client; ConfigError if its type cannot be used.
 
         Args:
             loop: Spends the time of waits.

@@ -230,7 +230,7 @@ class ObservedSystem:
         return pose
 
     def _allow(self, *names: str) -> None:
-        """Forget the operator's calls; from now on these count."""
+        """Forget the operator's calls; accept only the named ones from now on."""
         self._calls.clear()
         is_reported = self.file.contact == OPERATOR
         self._allowed = tuple(

@@ -109,10 +109,9 @@ class PlannerClient:
         )
 
     def await_node(self, limit_s: float) -> None:
-        """Wait until the node of `planner_node` is there; return at once if unset.
+        """Wait for the node of `planner_node`, if set, or raise PlannerNotReady.
 
-        PlannerNotReady is raised after the limit. The first time, it also waits a
-        moment for the node's services.
+        The first time, it also waits a moment for the node's services.
 
         A node that starts slowly must not be taken for one without ~/ready.
         """
@@ -144,7 +143,7 @@ class PlannerClient:
         self._wait(self.inactive_nodes, self._patience.lifecycle_s, "managed nodes: ")
 
     def await_presence(self, limit_s: float, *, first: bool) -> Finding:
-        """Wait until the planner's endpoints on the graph are complete for a time.
+        """Return the planner's endpoints once complete for a time, or raise TrialEnded.
 
         Args:
             limit_s: Longest wait.

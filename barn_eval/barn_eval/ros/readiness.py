@@ -387,10 +387,10 @@ class Watchdog:
         return None
 
     def _describe_slowness(self, now: "_PaceWindow") -> str:
-        """Judge wall-clock per simulated time over 60 s, and begin a new window.
+        """Return how slow the planner was over 60 s, empty if it was fast enough.
 
-        Returns in words that the planner was too slow; empty if it was not. A window
-        that is not full yet goes on, with an empty text.
+        A full window is judged by wall-clock per simulated time, and a new one begins.
+        A window that is not full yet goes on, with an empty string.
         """
         start = self._window
         duration_s = now.time_s - start.time_s

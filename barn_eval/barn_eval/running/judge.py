@@ -196,9 +196,9 @@ def _system_of(drive: ObservedDrive, options: JudgeOptions) -> System:
 
 
 def _split(drive: ObservedDrive) -> Iterator[Segment]:
-    """Yield the trials of a drive: one to each goal, from its first pose on.
+    """Yield the segments of a drive, one from each goal to the next, or the whole.
 
-    Without goals, one of the whole drive.
+    A segment ends before the next goal. BagError if one has fewer than two poses.
     """
     count = len(drive.poses)
     if not drive.goals:
@@ -221,7 +221,7 @@ def _identify(
     options: JudgeOptions,
     earlier: Sequence[Segment],
 ) -> Segment:
-    """Return a segment with data set, world, planner and repetition.
+    """Return a copy of a segment with data set, world, planner and repetition set.
 
     Args:
         segment: The segment.

@@ -18,7 +18,9 @@ _NAMED_COMMAND = re.compile(r"([A-Za-z0-9][A-Za-z0-9_.-]*)=(.*)", re.DOTALL)
 _SPEED_CAP = "max_speed_mps"
 
 
-def read_planners(entries: Any, commands: Any, where: str) -> list[PlannerChoice]:
+def read_planners(
+    entries: Any, commands: Sequence[str], where: str
+) -> list[PlannerChoice]:
     """Return a run's planners from their list and from commands that start some.
 
     Args:
@@ -39,15 +41,14 @@ def read_planners(entries: Any, commands: Any, where: str) -> list[PlannerChoice
         )
     planners = [read_planner(entry, where) for entry in names or ()]
 
-    texts = read_texts(commands, "planner_command", where)
-    for text in texts:
+    for text in commands:
         # A command without a name belongs to the only planner, if there is one.
         if _NAMED_COMMAND.fullmatch(text) or not planners:
             name, command = parse_planner_command(text)
         else:
             name, command = planners[0].name, text
         # Nobody could tell which planner such a command belongs to.
-        if command == text and (len(planners) > 1 or len(texts) > 1):
+        if command == text and (len(planners) > 1 or len(commands) > 1):
             raise ConfigError(
                 f"planner command {format_value(text)}: give it as NAME=COMMAND if"
                 " there are several planners"
@@ -59,17 +60,18 @@ def read_planners(entries: Any, commands: Any, where: str) -> list[PlannerChoice
     return planners
 
 
-def read_texts(value: Any, option: str, where: str) -> list[str]:
-    """Return an option's value, None, one text or a list of texts, as a list.
+def pop_texts(content: dict[str, Any], option: str, where: str) -> list[str]:
+    """Remove an option and return its texts as a list, [] without the option.
 
     Args:
-        value: Value of the option.
-        option: Its name.
+        content: Options by name, changed in place.
+        option: Name of the option, which may be None, one text or a list of texts.
         where: Beginning of error messages.
 
     Raises:
-        ConfigError: If the value is something else.
+        ConfigError: If the option is something else.
     """
+    value = content.pop(option, None)
     texts = () if value is None else value
     if isinstance(value, str):
         texts = [value]
@@ -92,7 +94,7 @@ def package_command(text: str) -> str:
 
 
 def give_inputs(
-    planners: Sequence[PlannerChoice], inputs: Any, where: str
+    planners: Sequence[PlannerChoice], inputs: Sequence[str], where: str
 ) -> list[PlannerChoice]:
     """Return copies of planners with texts for their standard input.
 
@@ -107,7 +109,7 @@ def give_inputs(
     """
     names = [planner.name for planner in planners]
     content: dict[str, str] = {}
-    for text in read_texts(inputs, "planner_input", where):
+    for text in inputs:
         match = _NAMED_COMMAND.fullmatch(text)
         name, lines = match.groups() if match else (names[0], text)
         if name not in names or (match is None and len(names) > 1):
@@ -163,7 +165,7 @@ def read_planner(entry: Any, where: str) -> PlannerChoice:
 
 
 def rename_planner(planner: PlannerChoice, name: str) -> PlannerChoice:
-    """Return a planner whose results are filed under a name."""
+    """Return a copy of a planner whose results are filed under `name`."""
     if planner.name == name:
         return planner
     entry = planner.entry_name if planner.registered else ""

@@ -201,7 +201,7 @@ class Tally:
     """Sum of the measure by which the protocol ranks."""
 
     def add(self, result: TrialResult) -> None:
-        """Count a result."""
+        """Add a trial's result to the counts and the sum of scores."""
         self.trials += 1
         self.successes += result.scores.success
         # Rows of schema 1 do not name the measure.
@@ -215,7 +215,7 @@ class RunProgress:
     def __init__(
         self, total: int, completed: Sequence[TrialResult], reporter: Reporter
     ):
-        """Begin a session.
+        """Begin to count a session's trials, on top of those of earlier sessions.
 
         Args:
             total: Number of trials, with those of earlier sessions.

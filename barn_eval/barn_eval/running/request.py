@@ -15,9 +15,9 @@ from barn_eval.running.planner_choices import (
     apply_parameters,
     give_inputs,
     package_command,
+    pop_texts,
     read_planner,
     read_planners,
-    read_texts,
 )
 from barn_eval.running.planner_objects import PlannerObject, split_planner_objects
 from barn_eval.trials.protocol import (
@@ -271,15 +271,12 @@ def _read_config(content: dict[str, Any], where: str) -> RunConfig:
     if "bags" in ros:
         raise ConfigError(f"{where}ros.bags is set by bags (--bags)")
 
-    commands = read_texts(
-        content.pop("planner_command", None), "planner_command", where
-    )
-    packages = read_texts(
-        content.pop("planner_package", None), "planner_package", where
-    )
-    commands += [package_command(text) for text in packages]
+    commands = pop_texts(content, "planner_command", where)
+    for text in pop_texts(content, "planner_package", where):
+        commands.append(package_command(text))
     planners = read_planners(content.pop("planners", None), commands, where)
-    planners = give_inputs(planners, content.pop("planner_input", None), where)
+    inputs = pop_texts(content, "planner_input", where)
+    planners = give_inputs(planners, inputs, where)
     parameters = _pop_mapping(content, "settings", where)
     config = from_dict(RunConfig, content, where.rstrip(": ") or "options")
     return replace(

@@ -154,7 +154,7 @@ class Run:
         return results
 
     def drive_scored(self, worlds: Sequence[int]) -> list[TrialResult]:
-        """Run missing trials in some worlds and return all results there.
+        """Return all results in `worlds` after driving; BarnError if one is not scored.
 
         Raises:
             BarnError: If a trial failed through no fault of its planner.
@@ -216,10 +216,10 @@ def check_limits(trials: Sequence[TrialSpec]) -> str:
 
 
 def _require_time(spec: TrialSpec) -> float:
-    """Return the least time of a trial in s, 0 where the limit is far from it.
+    """Return a trial's least time in s, 0 if far below the limit, ConfigError if above.
 
-    Raises ConfigError if it exceeds the limit, unless somebody chose a short limit for
-    the course of the protocol, for a first look.
+    It may be above a short limit that somebody chose for the course of the protocol,
+    for a first look.
     """
     protocol = spec.scaled_protocol
     speed_mps = spec.speed_cap_mps

@@ -57,13 +57,13 @@ class Segment:
 
     @property
     def start(self) -> Pose2D:
-        """Its first pose."""
+        """First pose of the segment, in the frame of the drive's poses."""
         pose: Pose2D = self.drive.poses[self.first].content.pose
         return pose
 
     @property
     def trial_id(self) -> str:
-        """Name of the trial."""
+        """Name of the trial, such as "gap_w0012_r00"."""
         return format_trial_id(self.planner, self.world, self.repetition)
 
 

@@ -386,7 +386,7 @@ class Protocol(Checked):
         )
 
     def extend_to(self, world: World, max_speed_mps: float) -> "Protocol":
-        """Return the protocol with a limit long enough for the world's own course.
+        """Return the protocol, its limit raised if the world's own course needs that.
 
         Times that count for failures rise with it. The protocol itself is returned for
         worlds without a course of their own, and where its limit is long enough.

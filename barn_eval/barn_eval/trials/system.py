@@ -63,7 +63,7 @@ class System(Checked):
 
     @property
     def label(self) -> str:
-        """Text that two systems with comparable results share; "" for the suite."""
+        """Kind, name and sources of pose, clock and contacts as text; "" for the suite."""
         if not self.is_observed:
             return ""
         if self.kind == "table":

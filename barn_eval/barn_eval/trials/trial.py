@@ -78,10 +78,9 @@ class _StallError(BaseException):
 
 
 def processor_wait_s(process: str | int = "self") -> float:
-    """Return for how many s a process's main thread has waited for a CPU so far.
+    """Return for how many s a process's main thread has waited for a CPU; 0 if unknown.
 
-    `process` is a process id, "self", or "thread-self" for the thread that calls. 0
-    where the system does not say.
+    `process` is a process id, "self", or "thread-self" for the thread that calls.
     """
     try:
         # Asked before each cycle of a planner; a file object takes five times as long.

@@ -163,7 +163,7 @@ class GapPlanner(ScanPlanner):
     def free_distances(
         self, observation: Observation, points: FloatArray
     ) -> FloatArray:
-        """Return how far in m the robot can go in each direction.
+        """Return how far in m the robot can go in each direction, up to the look-ahead.
 
         Args:
             observation: Readings of this cycle.
@@ -255,7 +255,7 @@ class GapPlanner(ScanPlanner):
 def free_distances(
     points: FloatArray, directions: FloatArray, radius_m: float, longest_m: float
 ) -> FloatArray:
-    """Return how far in m a disc at the origin can go in each direction.
+    """Return how far in m a disc at the origin can go in each direction, or the limit.
 
     Args:
         points: Obstacle points (n, 2) in m.

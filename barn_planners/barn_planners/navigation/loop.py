@@ -337,9 +337,9 @@ class NavigationPlanner(Planner):
         return Decision(command, PlannerStatus.RECOVERING, cause, new_plan)
 
     def _run_controller(self, observation: Observation) -> Control:
-        """Return the controller's answer to the plan, all in the controller's frame.
+        """Return the controller's answer to the plan, or only a reason if none is near.
 
-        If no plan comes near the robot, the answer is a reason without a command.
+        The controller gets plan, pose and goal in the frame of the local costmap.
         """
         plan = self._plan
         if plan is None:

@@ -286,7 +286,7 @@ class OnnxNetwork:
     """Evaluates an ONNX model on one thread."""
 
     def __init__(self, path: Path):
-        """Read and check a file.
+        """Read an ONNX file and check its shapes; BarnError if it is invalid.
 
         Raises:
             BarnError: If it is damaged, its sizes do not fit its metadata, or
@@ -353,7 +353,7 @@ class OnnxNetwork:
         self._state = [np.zeros(item.shape, np.float32) for item in self._inputs[1:]]
 
     def act(self, observation: Vector) -> FloatArray:
-        """Return the action (2,), not yet clipped, for an observation (size,)."""
+        """Return the action (2,), not yet clipped, and update the recurrent state."""
         values = [observation[None], *self._state]
         names = [item.name for item in self._inputs]
         feed = dict(zip(names, values, strict=True))

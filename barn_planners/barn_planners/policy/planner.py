@@ -162,7 +162,7 @@ def shipped_policy(name: str = "") -> Path:
 
 
 def _fit_to_robot(config: PolicyConfig, robot: Robot) -> dict[str, Any]:
-    """Return the parameters that change for a robot; ConfigError if shipped."""
+    """Return parameters that change for a robot; ConfigError for a shipped policy."""
     # A network learns one body: what is narrow for another is not in its weights.
     if config.policy_path in SHIPPED:
         raise ConfigError(

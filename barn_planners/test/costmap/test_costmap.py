@@ -85,7 +85,7 @@ def plain_update(costmap, lethal, pose, scan, lidar):
     marked = set()
 
     def seen(distance, angle):
-        """Return the cell so far away."""
+        """Return the cell at a distance and an angle."""
         x = sensor.x + distance * math.cos(angle)
         return costmap.cell(x, sensor.y + distance * math.sin(angle))
 

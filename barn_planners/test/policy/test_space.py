@@ -49,7 +49,7 @@ def lidar(config, scan):
 
 
 def reference_lidar(config, scan):
-    """Return the same sector by sector and beam by beam; every sector needs a beam."""
+    """Return each sector's share of the range limit, beam by beam in plain Python."""
     width = (config.angle_max_rad - config.angle_min_rad) / config.beams
     sectors = [[] for _ in range(config.beams)]
     for angle, distance in zip(scan.angles(), scan.ranges.tolist(), strict=True):
@@ -193,7 +193,7 @@ def test_the_gap_of_a_drive_against_small_steps():
 
 
 def ahead(distance_m):
-    """Return a scan of a wall so far ahead of the robot's front."""
+    """Return a scan of a wall `distance_m` ahead of the robot's front."""
     angles = np.linspace(-FIELD, FIELD, 720)
     ranges = (0.254 - 0.055 + distance_m) / np.cos(angles)
     return scan(np.where(np.abs(angles) < 1.0, ranges, np.inf))
@@ -205,7 +205,7 @@ def test_the_stop_leaves_commands_alone_that_hit_nothing():
 
 
 def allowed(command, velocity, distance_m):
-    """Return what is left of a command before a wall."""
+    """Return the command that the collision check allows before a wall."""
     return avoid_collision(command, velocity, ahead(distance_m), CollisionCheckConfig())
 
 

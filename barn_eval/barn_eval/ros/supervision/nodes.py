@@ -153,9 +153,9 @@ class Assignment:
 
 
 def simulator(setup: RosConfig, line: int, robot: str) -> NodeProcess:
-    """Return the simulator's command; `line` is a file descriptor of its private line.
+    """Return the simulator's process to start; `line` is a file descriptor.
 
-    Nothing is started. The evaluator sets world, start and seed later.
+    The evaluator sets world, start and seed later.
 
     Args:
         setup: How the nodes are set up.
@@ -197,7 +197,7 @@ def name_robot(config: SimulatorConfig, folder: Path) -> str:
 def planner(
     choice: PlannerChoice, run: RunConfig, goal: Pose2D | None = None
 ) -> NodeProcess:
-    """Return the planner's command: the user's own, or that of a node of the suite.
+    """Return the planner's process to start: the user's command, or a suite's node.
 
     Args:
         choice: The planner.
@@ -260,9 +260,7 @@ def planner(
 def evaluator(
     assignment: Path, setup: RosConfig, supervisor: int, simulator: int
 ) -> NodeProcess:
-    """Return the evaluator's command; `supervisor`, `simulator` are file descriptors.
-
-    Nothing is started.
+    """Return the evaluator's process to start; the last two are file descriptors.
 
     Args:
         assignment: File of what it is to do.
