@@ -33,7 +33,7 @@ else:
     _MODULES = ("api.types", "api.front")
 
     def __getattr__(name: str) -> object:
-        """Import a submodule, function or class and return it."""
+        """Return a submodule or public name, imported now; AttributeError if unknown."""
         if name in _SUBMODULES:
             return import_module(f"{__name__}.api.{name}")
         if not name.startswith("_"):
@@ -44,7 +44,7 @@ else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
     def __dir__() -> list[str]:
-        """Return all public names, for completion."""
+        """Import the modules of public names and return all names, for completion."""
         names = {"__version__", *_SUBMODULES}
         for module_name in _MODULES:
             names |= vars(import_module(f"{__name__}.{module_name}")).keys()

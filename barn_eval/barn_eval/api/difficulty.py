@@ -18,7 +18,7 @@ def predict(
     *,
     weights: str | Path | None = None,
 ) -> pd.DataFrame:
-    """Predict the time per meter of worlds with the learned model; drives nothing.
+    """Return a DataFrame of the learned model's predicted time per meter of each world.
 
     Args:
         source: A data set's name, or a file or folder of worlds.
@@ -26,10 +26,9 @@ def predict(
         weights: File of a model, .npz. Default: the shipped model.
 
     Returns:
-        A row per world: world, name, difficulty_s_per_m (time per meter of path that
-        trials under the paper's protocol take on average), std_s_per_m (standard
-        deviation of trials in a new world around it), and difficulty_s_per_m per planner
-        as PLANNER_s_per_m.
+        A row per world: world, name, difficulty_s_per_m (mean time per meter of path of
+        trials under the paper's protocol), std_s_per_m (standard deviation of trials in
+        a new world around that mean), and PLANNER_s_per_m, the same per planner.
 
     Raises:
         BarnError: If a world or the weights cannot be read.
@@ -41,7 +40,7 @@ def predict(
 def predict_rows(
     source: str | Path, select: str, weights: str | Path | None
 ) -> tuple[DifficultyModel, str, list[dict[str, Any]]]:
-    """Return (model, name of the data set, rows), a row of predictions per world.
+    """Predict difficulty; return (model, name of the data set, a row per world).
 
     Args:
         source: A data set's name, or a file or folder of worlds.
@@ -55,7 +54,7 @@ def predict_rows(
     dataset = open_dataset(source)
     rows = []
     for number, prediction in model.predict_dataset(dataset, select).items():
-        # Predictions know worlds by number only.
+        # Predictions have the numbers of worlds, but not their names.
         name = dataset.load(number).name
         rows.append({"world": number, "name": name, **prediction.columns()})
     return model, dataset.name, rows

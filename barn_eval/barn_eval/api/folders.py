@@ -1,4 +1,4 @@
-"""What folders of results show together: comparisons, boards, reports, replays."""
+"""Functions on one or several results folders: compare, rank, report, replay, watch."""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -38,9 +38,9 @@ Folders: TypeAlias = Folder | Sequence[Folder]
 
 
 def check(folder: str | Path, sample: int | None = None) -> FolderCheck:
-    """Compute a folder's rows again, drive recorded commands again; list what differs.
+    """Check a folder: recompute its rows, drive its commands again, list what differs.
 
-    `Results.rerun` runs a trial again with its planner, and compares.
+    `Results.rerun` runs a trial again with its planner and compares.
 
     Args:
         folder: Folder of a run, finished or not.
@@ -70,7 +70,7 @@ def compare(a: Folder, b: Folder) -> pd.DataFrame:
         is better than one of b in the same world), worlds, trials.
 
     Raises:
-        BarnError: If they are not of the same task, or have no world in common.
+        BarnError: If the results differ in task, or have no world in common.
     """
     return comparisons_frame(compare_folders(*folder_paths([a, b])))
 
@@ -91,17 +91,17 @@ def leaderboard(
     *,
     worlds: str = "all",
 ) -> pd.DataFrame:
-    """Rank planners of folders in a DataFrame; also write the boards if `out` is given.
+    """Rank the planners of folders in a DataFrame; write the boards to `out` if given.
 
-    Each protocol, speed class, compute mode and set of worlds has a board.
+    Each protocol, speed class, compute mode and set of worlds has its own board.
 
-    Planners whose difference is not significant share a rank. `Results.verdict` says it
-    in words.
+    Planners whose difference is not significant share a rank. `Results.verdict` states
+    the ranking in words.
 
     Args:
         folders: `Results` or folders.
-        by: Measure that ranks. Default: the protocol's.
-        out: File for the boards, .md or .html. Default: none is written.
+        by: Measure to rank by. Default: that of the protocol.
+        out: File for the boards, .md or .html. By default, none is written.
         worlds: World numbers, such as "0-49".
 
     Returns:
@@ -113,7 +113,7 @@ def leaderboard(
         BarnError: If there are no results, or the measure is not known.
     """
     boards = rank_folders(folder_paths(folders), by, worlds)
-    # The table has no room for notes and titles, the file has.
+    # Unlike the DataFrame, the file has notes and titles.
     if out is not None:
         write_boards(boards, Path(out))
     return pandas_table(board_rows(boards), tied="bool", better_than="object")
@@ -131,21 +131,21 @@ def report(
     width_mm: float | None = None,
     progress: Progress = lambda _: None,
 ) -> Page:
-    """Write a report of results folders as an HTML page that needs no other file.
+    """Write a report of results folders as one HTML page, and return the page.
 
-    The data of more than 2000 trials are in a folder OUT_data beside the page.
+    With more than 2000 trials, their data go to a folder OUT_data beside the page.
 
     Args:
         folders: `Results` or folders, finished or not.
         out: The page.
         title: Title of the page.
         assets: Folder for its figures (SVG, PDF) and tables (CSV, LaTeX).
-        hardest: Number of the hardest worlds in a figure of `assets`.
-        replays: Folder for a page of each bag, which the report links to.
-        columns: Measures of its tables, columns of `Results.table`. Default: success,
+        hardest: Number of worlds in the figure of the hardest, in `assets`.
+        replays: Folder for a page on each bag, which the report links to.
+        columns: Measures in its tables: columns of `Results.table`. Default: success,
             times and scores.
         width_mm: Width of the figures in `assets` [mm]; their type is then 7 to 9 pt.
-        progress: Called with the completed share.
+        progress: Called with the share done, 0 to 1.
 
     Returns:
         The page, which a notebook shows.
@@ -163,7 +163,7 @@ def report(
     )
     page = Path(out)
     links = replay_links(content, page, Path(replays) if replays else None)
-    # Names of folders tell one report from another in a list of tabs.
+    # Names of folders distinguish reports in a list of browser tabs.
     heading = title or f"Navigation benchmark: {', '.join(content.names)}"
     write_report(content, page, heading, links)
     if assets is not None:
@@ -179,14 +179,14 @@ def replay(
     speed: float = 2.0,
     camera: Literal["chase", "top", "side"] = "top",
 ) -> Page:
-    """Write the replay of a bag, or of several on one clock: .html, .png, .gif, .mp4.
+    """Write the replay of one or several bags as .html, .png, .gif or .mp4; return it.
 
     Args:
         bag: Folder of a bag or its .mcap file, or several.
         out: A page (.html), a picture of the end (.png), an animation (.gif) or a film
             (.mp4). Default: a page named after the bag.
         frames_per_s: Frame rate of animation and film [1/s].
-        speed: Speed of animation and film, in multiples of the trial's own.
+        speed: Playback speed of animation and film, as a multiple of real time.
         camera: View of picture, animation and film.
 
     Returns:
@@ -208,14 +208,14 @@ def replay(
 
 
 def watch(folder: str | Path, *, host: str = LOOPBACK, port: int = 0) -> PageServer:
-    """Start a thread that serves a page on a run's state; return its server.
+    """Start a server of a page on a run's state in a new thread, and return it.
 
-    A thread serves it until `close` is called or a `with` block ends.
+    It serves until `close` is called or its `with` block ends.
 
     Args:
         folder: Folder of the run.
-        host: Address to serve on; others than loopback let other machines see it.
-        port: Port; 0 takes a free one.
+        host: Address to serve on; any but loopback lets other machines see the page.
+        port: Port; 0 selects a free one.
 
     Returns:
         The server, with its `url`.
@@ -234,12 +234,12 @@ def overlay(
     planners: Sequence[str] = (),
     outcome: str = "",
 ) -> Plot:
-    """Return a plot of the trajectories of results folders in a world, over its map.
+    """Return a plot of the trajectories in a world, from folders, over the world's map.
 
     Args:
         folders: `Results` or folders.
         world: Number in the data set.
-        by: What colors them, "planner" or "speed".
+        by: What the color shows, "planner" or "speed".
         planners: Only trials of these planners.
         outcome: Only trials with this outcome, such as "collision".
 
@@ -247,9 +247,10 @@ def overlay(
         The figure.
 
     Raises:
-        BarnError: If there is no such trial, or the folders differ in the world.
+        BarnError: If there is no such trial, or the folders have different worlds of
+            that number.
     """
-    # Type and colors of reports, whatever the notebook has set for matplotlib.
+    # Fonts and colors of reports, whatever the notebook has set for matplotlib.
     with style():
         figure = draw_overlay(
             folder_paths(folders), world, by=by, planners=planners, outcome=outcome
@@ -258,7 +259,7 @@ def overlay(
 
 
 def folder_paths(folders: Folders) -> list[Path]:
-    """Return the paths of results or folders as a list, whether they exist or not.
+    """Return the paths of `Results` or folders as a list; they need not exist.
 
     Raises:
         ConfigError: If an item is neither.

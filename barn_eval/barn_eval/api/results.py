@@ -89,8 +89,8 @@ def load(folder: str | Path, planners: Planners | None = None) -> "Results":
 
     Args:
         folder: Folder of `run` or `barn run`, finished or not.
-        planners: The planners that were Python objects, in case one of their trials is
-            driven again.
+        planners: The planners that were Python objects; only needed to drive their
+            trials again.
 
     Raises:
         BarnError: If the folder has no results.
@@ -102,14 +102,14 @@ def load(folder: str | Path, planners: Planners | None = None) -> "Results":
 class Results:
     """The results of a run, finished or not, read from its folder.
 
-    Tables are DataFrames, whose columns have the same types whatever is in them. In a
-    notebook, results draw themselves.
+    Tables are DataFrames whose columns always have the same types. A notebook shows
+    results as a conclusion, a table and a figure.
     """
 
     def __init__(
         self, folder: Path, planner_objects: Mapping[str, PlannerObject] | None = None
     ):
-        """Read a folder.
+        """Read a folder; BarnError if it has no results.
 
         Args:
             folder: Folder of the run.
@@ -121,7 +121,7 @@ class Results:
 
     @cached_property
     def trials(self) -> tuple[TrialResult, ...]:
-        """Scored rows of single trials, in the order of the schedule."""
+        """Scored rows of the trials, in the order of the schedule."""
         return tuple(self._source.results)
 
     @property
@@ -159,7 +159,7 @@ class Results:
         )
 
     def trial(self, trial: str | int) -> Trial:
-        """Return a trial by its name or its index in `trials`; drives nothing.
+        """Return a trial by its name or its index in `trials`.
 
         Args:
             trial: Its name, such as "dwa_w0120_r00", or its index in `trials`, from 0.
@@ -171,7 +171,7 @@ class Results:
         return Trial(result, self._source.tracks.get(result.trial_id))
 
     def compare(self, other: Folder | None = None) -> pd.DataFrame:
-        """Compare each pair of these planners, or these results with others.
+        """Compare these results with others or, by default, each pair of their planners.
 
         Args:
             other: `Results`, a folder, or "FOLDER:PLANNER". By default, the planners of
@@ -188,16 +188,16 @@ class Results:
         comparisons = summarize_run(self._source.comparable_results).comparisons
         if not comparisons:
             raise ConfigError(
-                f"{self.folder}: has one planner only; give other results to compare"
-                " with"
+                f"{self.folder}: has only one planner; give other results to compare"
+                " it with"
             )
         return comparisons_frame(comparisons)
 
     def verdict(self) -> str:
-        """Return sentences on which planner is better by the ranking measure.
+        """Return sentences that say which planner is better by the ranking measure.
 
-        The text says by how much and how sure that is or, if the difference is not
-        significant, about how many worlds would decide.
+        They say by how much and how sure that is or, if the difference is not
+        significant, about how many worlds would decide, and add cautions.
         """
         world_count = len({row.world for row in self.trials})
         notes = list_cautions(world_count, entries_of([self._source]))
@@ -217,21 +217,21 @@ class Results:
         Args:
             half_width: Half the 95 % interval of a mean, in the unit of the measure.
                 Default: 5 % of the mean.
-            difference: Difference of two planners that is to be significant in 8 of 10
-                runs, in the unit of the measure. Default: 5 % of the first one's mean.
-            planners: One or two of the planners.
+            difference: Difference between two planners to detect in 8 of 10 runs, in the
+                unit of the measure. Default: 5 % of the first one's mean.
+            planners: Names of one or two planners. Default: all.
             measure: A column of `table`. Default: the ranking measure.
             repetitions: Trials per world. Default: 1, 2, 3, 5 and 10.
 
         Returns:
-            A row per question and number of repetitions: of (a planner, or a difference
-            of two), kind (half_width or difference), wanted, repetitions, and worlds
-            (missing: over a million).
+            A row per question and number of repetitions: of (a planner, or two), kind
+            (half_width or difference), wanted, repetitions, and worlds (missing if over
+            a million).
 
         Raises:
             BarnError: If planners or measure are unknown, or there are too few trials.
         """
-        # Before the estimate, which takes one planner or two.
+        # The estimate takes one planner or two.
         rows_by_planner = select_planners(
             self.folder, group_by_planner(self._source.comparable_results), planners
         )
@@ -253,14 +253,14 @@ class Results:
     ) -> str:
         """Return the LaTeX source of a table of the planners (booktabs).
 
-        The best by each measure, and planners that are not clearly worse as `verdict`
-        judges it, are bold.
+        By each measure, the best planner is bold, and so are planners that are not
+        clearly worse by the tests that `verdict` uses.
 
         Args:
-            columns: Measures, columns of `table`. Default: the ranking measure,
-                success, time and clearance.
-            caption: Its caption. Default: what the figures are, and of how many worlds.
-            label: Label by which a text refers to it.
+            columns: Measures: columns of `table`. Default: the ranking measure, success,
+                time and clearance.
+            caption: Its caption. Default: what the figures are, and the number of worlds.
+            label: Label that the text of a paper refers to.
 
         Raises:
             BarnError: If a measure is not known, or the label is not one of LaTeX.
@@ -282,14 +282,14 @@ class Results:
         *,
         width_mm: float | None = None,
     ) -> Plot | list[Axes]:
-        """Draw a figure of a report and return it, or draw onto the axes `ax`.
+        """Draw a figure of the report; return it or, if drawn onto `ax`, the axes.
 
         Args:
             what: worlds (time per meter in each), outcomes (of each trial),
                 distributions, compute, trade, bands, paired or hardest (maps of worlds
                 with the trajectories of their trials).
-            ax: Axes of matplotlib to draw onto, as many as the figure has panels; for
-                worlds one.
+            ax: Axes of matplotlib to draw onto, one per panel of the figure; worlds has
+                one.
             width_mm: Width of the figure in a paper [mm], such as 88 for a column and
                 180 for two. Its type is then 7 to 9 pt; `save` writes it as PDF with
                 embedded fonts.
@@ -298,8 +298,8 @@ class Results:
             The figure, whose `figure` is matplotlib's; with `ax`, the axes.
 
         Raises:
-            BarnError: If there is no such figure or nothing to show in it, or it has
-                another number of panels.
+            BarnError: If there is no such figure, it would be empty, or it has a
+                different number of panels than `ax`.
         """
         panels = plot(what, entries_of([self._source]), ax, width_mm)
         # The axes are part of a figure of the user, who saves and shows it.
@@ -308,11 +308,10 @@ class Results:
         return Plot(figure_of(panels), CHARTS[what].about)
 
     def replay(self, trial: str, out: str | Path | None = None) -> Page:
-        """Write the replay of a trial, driving it again if it has no bag.
+        """Write the replay of a trial, driven again if it has no bag; return the page.
 
-        A trial without a bag is driven again to record one. A warning is logged about
-        that, and if the new drive differs from the first one, which does not happen
-        in mode direct.
+        A warning is logged if the trial is driven again, and another one if the new
+        drive differs from the first, which does not happen in mode direct.
 
         Args:
             trial: Its name, such as "dwa_w0120_r00".
@@ -335,13 +334,13 @@ class Results:
             # An earlier replay may have driven the trial again.
             bag = folder / BAGS / trial
         if not bag.is_dir():
-            logger.warning("no bag of %s was kept: it is driven once more", trial)
-            # Into a folder of its own, since the run has decided to keep no bag.
+            logger.warning("%s has no bag: the trial is driven again", trial)
+            # Into a folder of its own, because the run was to keep no bag.
             new_result = self._drive(result, folder, "all")
             if new_result.repeatable() != result.repeatable():
                 logger.warning(
-                    "%s went otherwise this time: %s, not %s as in its row, or by"
-                    " another path; its planner does not repeat itself",
+                    "%s differs from its row: the outcome is %s (in the row: %s), or the"
+                    " path differs; the planner does not repeat itself",
                     trial,
                     new_result.outcome.value,
                     result.outcome.value,
@@ -356,18 +355,18 @@ class Results:
         planners: Sequence[str] = (),
         outcome: str = "",
     ) -> Plot:
-        """Return a plot of the trajectories in a world; as `barn.results.overlay`.
+        """Return a plot of the trajectories in a world, as `barn.results.overlay` does.
 
         Args:
             world: Number in the data set.
-            by: What colors them, "planner" or "speed".
+            by: What the color shows, "planner" or "speed".
             planners: Only trials of these planners.
             outcome: Only trials with this outcome, such as "collision".
         """
         return overlay(self, world, by, planners=planners, outcome=outcome)
 
     def report(self, out: str | Path = "report.html", *, title: str = "") -> Page:
-        """Write the report of these results as one HTML file; as `barn.report`.
+        """Write the report of these results as one HTML page, as `barn.report` does.
 
         Args:
             out: The page.
@@ -376,7 +375,7 @@ class Results:
         return report(self, out, title=title)
 
     def rerun(self, trial: str | int) -> str:
-        """Drive a trial again and return the first difference from its row.
+        """Drive a trial again; return the first difference from its row, "" if none.
 
         Args:
             trial: Its name or its index in `trials`, from 0.
@@ -385,39 +384,41 @@ class Results:
             The first difference from its row; empty if the trial is reproduced.
 
         Raises:
-            BarnError: If there is no such trial, or its planner is not at hand.
+            BarnError: If there is no such trial, or its planner is not available.
         """
         result = self._result(trial)
-        # Mode ros writes its logs somewhere, even without a bag.
+        # Mode ros writes logs, even without a bag.
         with TemporaryDirectory() as folder:
             new_result = self._drive(result, Path(folder), "none")
-        # This version may write another schema than the one that wrote the row.
+        # An earlier version with another schema may have written the row.
         new_result = replace(new_result, schema_version=result.schema_version)
         return next(find_difference(result, new_result.repeatable(), "now"), "")
 
     def _drive(self, result: TrialResult, out: Path, bags: str) -> TrialResult:
-        """Drive a trial again with its planner, alone; return the new row.
+        """Drive a trial again with its planner; return the new row.
 
         Args:
             result: Its row.
             out: Folder for its bag.
-            bags: Whether there is a bag, "all" or "none".
+            bags: Whether to record a bag, "all" or "none".
+
+        Raises:
+            ConfigError: If its planner was a Python object that is missing or changed.
         """
-        # From run.json, with which the row was made, not from options of today.
+        # From run.json, which describes the run that made the row.
         config = replace(RunFile.read(self.folder).run_config(), bags=bags)
         name = result.planner
         choice = next(planner for planner in config.planners if planner.name == name)
-        # Code of a Python object is not in the folder, only its hash.
+        # The folder has only a hash of a Python object's code.
         if choice.source:
             if name not in self._planner_objects:
                 raise ConfigError(
-                    f"planner {name!r} was a Python object: barn.load(folder,"
-                    " planners=...) takes it"
+                    f"planner {name!r} was a Python object: pass it to barn.load(folder,"
+                    " planners=...)"
                 )
             if fingerprint(self._planner_objects[name].source) != choice.source:
                 raise ConfigError(
-                    f"planner {name!r} is not the one of these results: its source"
-                    " differs"
+                    f"planner {name!r}: its source differs from that of these results"
                 )
 
         spec = next(
@@ -425,7 +426,7 @@ class Results:
             for spec in config.trials([result.world])
             if spec.trial_id == result.trial_id
         )
-        # Measured computing never repeats itself, so the recorded delays are charged.
+        # Measured computing times never repeat, so the recorded delays are charged.
         if result.delays:
             spec = replace(spec, recorded_ns=unpack_delays(result.delays))
         request = RunRequest(
@@ -436,7 +437,7 @@ class Results:
         )
         work = work_of(request, BagStore(out.absolute(), bags))
 
-        # Mode direct returns the record, mode ros emits it among its notices.
+        # Mode direct returns the record; mode ros emits it among its notices.
         messages: list[object] = []
         messages.append(work.run(Job(result.trial_id, (spec,)), messages.append))
         record = next(item for item in messages if isinstance(item, TrialRecord))
@@ -444,7 +445,7 @@ class Results:
 
     def _result(self, trial: str | int) -> TrialResult:
         """Return the row of a trial by name or index; ConfigError if there is none."""
-        # A negative number is no place: below, it fails as an unknown name.
+        # A negative index fails below, as an unknown name.
         if isinstance(trial, int) and 0 <= trial < len(self.trials):
             return self.trials[trial]
         results = {row.trial_id: row for row in self.trials}
@@ -456,7 +457,7 @@ class Results:
         return results[name]
 
     def _rows_by_spelling(self) -> RowsByPlanner:
-        """Return the rows by the display names of planners, such as "DWA"."""
+        """Return comparable rows by the planners' display names, such as "DWA"."""
         return {
             spelling(name): rows
             for name, rows in group_by_planner(self._source.comparable_results).items()
@@ -469,7 +470,7 @@ class Results:
     def __repr__(self) -> str:
         """Return folder, number of trials and planners in one line."""
         planned = self._source.planned
-        # Notebooks show this line, so it says whether trials are missing.
+        # Notebooks show this line, so it says if trials are missing.
         count = str(len(self))
         if planned and planned > len(self):
             count += f" of {planned}"
@@ -478,7 +479,7 @@ class Results:
         )
 
     def _repr_html_(self) -> str:
-        """Return the HTML that a notebook shows: verdict, table and figure."""
+        """Return the HTML that a notebook shows: conclusion, table and figure."""
         groups = group_by_planner(self._source.comparable_results).values()
         summaries = [summarize(rows) for rows in groups]
         table = headline_table(summaries, ranking_measure(self.trials))

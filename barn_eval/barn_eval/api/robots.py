@@ -1,4 +1,4 @@
-"""Robots of the suite, files of your own, and their pictures."""
+"""Robots of the suite or of your own files, and their pictures."""
 
 from pathlib import Path
 
@@ -22,7 +22,7 @@ def names() -> list[str]:
 
 
 def draw(robot: Robot | str | Path) -> Plot:
-    """Return a plot of a robot from above in base_link, x to the right.
+    """Return a plot of a robot from above, in frame base_link with x to the right.
 
     Args:
         robot: Name, YAML file or object of the robot.

@@ -74,7 +74,7 @@ def run(
         worlds: Worlds of the data set: a number, several, or a text such as "0-49",
             "0:300:60", "1,4,7-9" or "all" (default). Or `World` objects: one, several
             that are numbered from 0, or a mapping of numbers to them. The results
-            folder keeps these.
+            folder keeps a copy of such objects.
         planners: One planner or several, each a name ("dwa", or "eband:challenge" with
             a preset), a `PlannerChoice`, a planner class (a new instance for each
             trial), an instance (which drives all trials of a worker), or a function
@@ -82,11 +82,11 @@ def run(
             mapping of names to these. Default: "dwa".
         protocol: "challenge" (default), "challenge_2022", "challenge_2022_03",
             "dynabarn", "known_map", "paper2020", a YAML file or a `Protocol`.
-        file: A YAML file with options; arguments replace what it says.
-        dry_run: Return what the run would do; nothing is executed or written.
+        file: A YAML file with options; arguments override it.
+        dry_run: Return what the run would do; execute and write nothing.
         overwrite: Delete the results of a different run in the same folder.
-        progress: Whether to show progress in a terminal or notebook; elsewhere, and
-            without it, the logger `barn_eval` receives it. Or a `Reporter` of your own.
+        progress: Whether to show progress in a terminal or notebook; otherwise it goes
+            to the logger `barn_eval`. Or a `Reporter` of your own.
         options: Any option of `RunKeywords`: dataset, robot, course, repetitions, seed,
             settings, compute, simulator, mode, planner_command, ros, bags, workers,
             engine, address, trial_limit_s, attempts, losses, out.
@@ -104,7 +104,7 @@ def run(
     )
     if dry_run:
         return estimate_run(request, overwrite=overwrite)
-    # Results are read from the folder: it has those of earlier sessions, too.
+    # The folder also has the results of earlier sessions.
     run_request(request, make_reporter(progress), overwrite=overwrite)
     return Results(request.out, request.planner_objects)
 
@@ -117,7 +117,7 @@ def sweep(
     progress: bool | Reporter = True,
     **options: Unpack[RunOptions],
 ) -> pd.DataFrame:
-    """Drive all combinations of parameter values; return a DataFrame, best first.
+    """Run all combinations of parameter values; return a DataFrame, best first.
 
     Each combination has a folder of its own below `out`.
 
@@ -125,7 +125,7 @@ def sweep(
         parameters: Values by parameter of the only planner, such as
             {"dwa.path_weight": [0.3, 0.6, 1.2]}. {"latency": [0, 0.1, 0.3]} delays the
             commands of all planners [s].
-        file: A YAML file with options; arguments replace what it says.
+        file: A YAML file with options; arguments override it.
         overwrite: Delete the results of different runs in the same folders.
         progress: As for `run`.
         options: Any argument or option of `run`: worlds, planners, protocol and those
@@ -148,8 +148,8 @@ def sweep(
 
 
 def _read_request(file: str | Path | None, options: RunOptions) -> RunRequest:
-    """Return the request of a run; TypeError for a keyword that is no option."""
-    # As a function does with a wrong keyword, before any value is looked at.
+    """Return the request that file and options describe; TypeError for unknown ones."""
+    # A wrong keyword is refused before any value, as by any Python function.
     unknown = options.keys() - RunOptions.__annotations__.keys()
     if unknown:
         name = min(unknown)
@@ -166,12 +166,12 @@ def judge(
     overwrite: bool = False,
     **options: Any,
 ) -> Results:
-    """Judge trials that somebody else ran, from their bags, as `barn judge` does.
+    """Judge trials from bags that others recorded, write results and return them.
 
     Args:
         bags: One bag or several, of one simulator or robot.
-        out: Folder of the results.
-        course: Start x, y, yaw and goal x, y in m and rad, in place of the bags'.
+        out: Folder for the results.
+        course: Start x, y, yaw and goal x, y in m and rad, instead of those in the bags.
         overwrite: Remove other results from the folder first.
         options: Options of `barn judge` by name, such as `pose="/odom"`.
 

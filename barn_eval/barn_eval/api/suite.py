@@ -1,4 +1,4 @@
-"""The suite itself from Python, as `barn reproduce`, `bench` and `info`."""
+"""The suite itself from Python: `reproduce`, `bench` and `info` as in `barn`."""
 
 import os
 import shutil
@@ -28,7 +28,7 @@ from barn_worlds.datasets.dataset import dataset_files
 __all__ = ["BenchSetup", "bench", "info", "reproduce", "reproduce_physical"]
 
 OPTIONAL: dict[str, list[str]] = read_package_yaml("barn_eval", "optional.yaml")
-"""What needs an optional module or program, and what is off without it."""
+"""By optional module or program: the part that needs it, and how to install it."""
 
 _ROS_VARIABLES = (
     "ROS_DISTRO",
@@ -48,18 +48,18 @@ def reproduce(
     docs: str | Path | None = None,
     progress: bool | Reporter = True,
 ) -> list[Path]:
-    """Drive the paper's trials, write results.md with figures; return the .md paths.
+    """Run the paper's trials and write results.md with figures; return the .md paths.
 
-    The same call resumes what was interrupted.
+    The same call resumes an interrupted run.
 
     Args:
-        quick: Run a part of the worlds.
+        quick: Run only some of the worlds.
         out: Folder of trials and page. Default: out/results, or out/results_quick.
         settings: Fields of
             `barn_eval.studies.reproduction.findings.ReproduceConfig`, such as dataset
             and seed.
-        workers: Trials at a time; 0 for one per processor.
-        docs: Second folder for the page.
+        workers: Trials to run at a time; 0 for one per processor.
+        docs: Second folder to write the page to.
         progress: As for `barn.run`.
 
     Raises:
@@ -81,25 +81,28 @@ def reproduce(
 def reproduce_physical(
     folders: Sequence[str | Path], out: str | Path = "out/physical"
 ) -> Path:
-    """Set measured over predicted difficulty, as Fig. 8; return the page's path.
+    """Write a page on measured over predicted difficulty, as Fig. 8; return its path.
 
     Args:
         folders: Results of one robot or simulator, such as `barn.judge` writes; those
-            of the suite's own simulator stand beside them.
-        out: Folder of the page.
+            of the suite's own simulator may be added for comparison.
+        out: Folder for the page.
 
     Raises:
-        BarnError: The folders do not go together, or too few worlds are known.
+        BarnError: If the folders do not go together, or have too few worlds.
     """
     finding = measure_difficulty([Path(folder) for folder in folders])
     return write_finding(finding, Path(out))
 
 
 def info() -> dict[str, Any]:
-    """Return versions, machine, ROS, optional parts, planners and data sets by name."""
+    """Return a mapping: versions, commit, machine, ros, optional, planners, data_sets.
+
+    `optional` gives the state of each optional part, "on" or "off: REASON".
+    """
     states: dict[str, str] = {}
     for name, (_, remedy) in OPTIONAL.items():
-        # The only one that is a program and no module.
+        # The only program; all others are modules.
         if name == "ffmpeg":
             is_installed = shutil.which(name) is not None
         else:
@@ -108,7 +111,7 @@ def info() -> dict[str, Any]:
         problem = ""
         if not is_installed:
             problem = f"{name} is not installed"
-        # It may be installed, but for another Python.
+        # rclpy may be installed for another Python.
         elif name == "rclpy":
             problem = ros_problem()
         states[name] = "on"
@@ -123,9 +126,9 @@ def info() -> dict[str, Any]:
 
 
 def _describe_ros() -> dict[str, str]:
-    """Return ROS's variables, its middleware and the isolation of planners by name."""
+    """Return by name: ROS's environment variables, middleware if any, and isolation."""
     description = {name: os.environ.get(name, "") for name in _ROS_VARIABLES}
-    # Without ROS there is no middleware to ask for.
+    # Only ROS can name its middleware.
     if not ros_problem():
         description["middleware"] = _find_middleware()
     warning = isolation_warning(RosConfig())
@@ -134,8 +137,8 @@ def _describe_ros() -> dict[str, str]:
 
 
 def _find_middleware() -> str:
-    """Import rclpy in a child process; return its middleware, or why that fails."""
-    # Loading it may crash the process.
+    """Return the name of rclpy's middleware from a child process, or why it failed."""
+    # Loading the middleware may crash the process.
     code = "import rclpy; print(rclpy.get_rmw_implementation_identifier())"
     process = subprocess.run(  # noqa: S603
         [sys.executable, "-c", code],

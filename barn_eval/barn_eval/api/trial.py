@@ -1,4 +1,4 @@
-"""A single trial: its result, and what the robot did."""
+"""A single trial: its row and its trajectory."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -24,21 +24,21 @@ class Trial:
     """Its row."""
 
     track: str | None
-    """Line of its track; None if nothing was driven."""
+    """Line of its track; None if the robot did not drive."""
 
     @cached_property
     def trajectory(self) -> pd.DataFrame:
-        """DataFrame of the driven track: five rows a second and the end, map frame.
+        """DataFrame of the track in the map frame: five rows a second, and the end.
 
         Columns: time_s since the first reading, x_m, y_m, yaw_rad, speed_mps,
         turn_radps, command_speed_mps and command_turn_radps (NaN without a command),
-        clearance_m (smallest since the row before; NaN without obstacles), contact
-        (since the row before). Empty if nothing was driven.
+        clearance_m (smallest since the previous row; NaN without obstacles), contact
+        (since the previous row). Empty if the robot did not drive.
         """
         names = [
             f"{channel}_{unit}" for channel, unit in zip(CHANNELS, _UNITS, strict=True)
         ]
-        # A trial in which nothing was driven has the same columns without rows.
+        # Without a track, the table has the same columns but no rows.
         samples = np.empty((0, len(names)))
         contact = np.empty(0, np.bool_)
         if self.track is not None:
@@ -49,7 +49,7 @@ class Trial:
         return pd.DataFrame(columns | {"contact": contact})
 
     def to_tum(self, path: str | Path) -> Path:
-        """Write the trajectory as a text file in the format of TUM RGB-D, for evo.
+        """Write the trajectory in the TUM RGB-D text format (for evo); return the path.
 
         Args:
             path: File to write: a line per pose of timestamp [s], x y z [m] and the

@@ -1,4 +1,4 @@
-"""The types that users of `barn_eval` meet, each defined in its own package."""
+"""The types that users of `barn_eval` need, each defined in its own package."""
 
 from barn_eval.trials.protocol import Protocol as Protocol
 from barn_eval.trials.result import TrialResult as TrialResult

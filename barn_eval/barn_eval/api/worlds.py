@@ -94,21 +94,21 @@ def load(
     routes: int = 0,
     seed: int = 0,
 ) -> dict[int, World]:
-    """Read worlds of a data set or file; return `World` objects by number.
+    """Read worlds from a data set or file; return `World` objects by number.
 
-    For instance, of a data set of the suite:
+    For instance, from a data set of the suite:
 
         world = barn.worlds.load("barn300", "120")[120]
-        world.grid  # (rows, cols) bool, True where it is filled
+        world.grid  # (rows, cols) bool, True for filled cells
 
     Args:
         source: A data set's name, or a file or folder of any known format.
         select: World numbers, such as "0-49" or "0:300:60".
-        robot: Robot that paths are planned for if the source has none.
-        courses: Start x, y, yaw and goal x, y [m, rad] of routes, each of which is then
-            a world.
-        routes: Number of routes to draw in each world, each of which is then a world.
-        seed: Seed that the routes are drawn by.
+        robot: Robot to plan paths for if the source has none.
+        courses: Start x, y, yaw and goal x, y [m, rad] of routes; each route becomes a
+            world.
+        routes: Number of random routes in each world; each route becomes a world.
+        seed: Seed of the random routes.
 
     Raises:
         BarnError: If the source cannot be read, or has no such world.
@@ -134,9 +134,9 @@ def generate(
     keep: int = 0,
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[int, World]:
-    """Generate static worlds and return them by number, the easiest (widest) first.
+    """Generate static worlds and return them by number, widest first; write any `out`.
 
-    For instance, worlds of your own, and a planner in them:
+    For instance, generate worlds of your own and run a planner in them:
 
         fill = {"initial_fill": 0.25}
         worlds = barn.worlds.generate(per_set=3, parameters=fill, seed=1)
@@ -145,14 +145,14 @@ def generate(
     Args:
         out: New file (.npz), or new folder in the original layout, for the worlds.
         per_set: Worlds per parameter set.
-        seed: All randomness comes from it.
+        seed: Seed of all random numbers.
         parameters: One parameter set of your own, by name (see
             `barn_worlds.datasets.generate.WorldParameters`). Default: the twelve sets
             of the paper's Table I.
-        robot: Robot that paths are planned for. Unless parameters set the size of
-            cells, they have its size, 5 x 5 cells to a robot.
+        robot: Robot to plan paths for. Unless parameters set the size of cells, it also
+            sets that: a robot takes 5 x 5 cells.
         keep: Number of worlds to keep, evenly spread from wide to narrow; 0 for all.
-        progress: Called with the number of worlds so far and of all worlds.
+        progress: Called with the number of worlds so far and the number of all worlds.
 
     Raises:
         BarnError: If a parameter is not allowed, or the file cannot be written.
@@ -184,15 +184,15 @@ def generate(
 def _parameter_sets(
     changes: Mapping[str, object], robot: Robot
 ) -> tuple[WorldParameters, ...]:
-    """Return Table I, or one changed set, with cells in the size of the robot.
+    """Return Table I, or one set with `changes`, with cells scaled to the robot.
 
     Sizes of cells and footprint in `changes` are kept.
     """
     sets = TABLE_I
     if changes:
-        # Changes make one set of their own; Table I stays as it is printed.
+        # Changes make one new set; Table I stays as printed.
         sets = (replace_dotted(WorldParameters(), changes, "world parameters"),)
-    # The generator thinks in cells: as many to a robot, whatever its size.
+    # The generator works in cells: any robot takes the same number of them.
     sizes: dict[str, float] = {}
     if not {"resolution_m", "footprint_cells"} & changes.keys():
         sizes["resolution_m"] = cell_size_m(robot)
@@ -214,21 +214,21 @@ def generate_moving(
     crossing: bool = False,
     obstacles: int | None = None,
 ) -> dict[int, World]:
-    """Generate worlds with moving obstacles; return them by number, class by class.
+    """Generate worlds with moving obstacles; return them by number; write any `out`.
 
     Args:
         out: New file (.npz) for the worlds.
         classes: Classes of motion. Without `source` the worlds are arenas as in
             DynaBARN.
-        per_class: Arenas of each class.
-        seed: All randomness comes from it.
+        per_class: Number of arenas of each class.
+        seed: Seed of all random numbers.
         parameters: Changes to the classes, by name (see
             `barn_worlds.datasets.generate_motion.MotionParameters`).
-        source: Data set whose worlds get obstacles of the only class; the worlds keep
+        source: Data set whose worlds get moving obstacles, of one class; the worlds keep
             their numbers.
-        select: World numbers of the source.
-        crossing: Whether these obstacles go to and fro across the path.
-        obstacles: Number of obstacles of a world. By default, the class draws it.
+        select: World numbers in the source.
+        crossing: Whether these obstacles go back and forth across the path.
+        obstacles: Number of moving obstacles per world. Default: drawn by the class.
 
     Raises:
         BarnError: If a class or parameter is not known, or the file cannot be written.
@@ -246,8 +246,8 @@ def generate_moving(
     if source is None:
         if crossing or obstacles is not None:
             raise ConfigError(
-                "crossings and a number of obstacles are for the worlds of a data set;"
-                " name one"
+                "crossing and obstacles are for the worlds of a data set; name one as"
+                " source"
             )
         arenas: list[World] = []
         for motion in motions:
@@ -255,11 +255,10 @@ def generate_moving(
         worlds = dict(enumerate(arenas))
     elif len(motions) != 1:
         raise ConfigError(
-            f"one class of motion must be named for the worlds of {source},"
-            f" got {len(motions)}"
+            f"the worlds of {source} take one class of motion, got {len(motions)}"
         )
     else:
-        # Each world has a seed of its own, whatever other worlds are selected.
+        # Each world has its own seed, whichever other worlds are selected.
         add_obstacles = add_crossings if crossing else add_motion
         for number, world in load(source, select).items():
             worlds[number] = add_obstacles(world, motions[0], seed + number, obstacles)
@@ -275,7 +274,7 @@ def save(
     *,
     movable: bool = False,
 ) -> Path:
-    """Write worlds to a new file or folder in one of seven formats; never overwrites.
+    """Write worlds to a new file or folder in one of seven formats; return its path.
 
     Args:
         worlds: Worlds by their numbers in a data set.
@@ -290,8 +289,8 @@ def save(
         The path.
 
     Raises:
-        BarnError: If the format is not known or has no place for such worlds, or
-            something is there already.
+        BarnError: If the format is unknown or cannot hold such worlds, or the file or
+            folder exists already.
     """
     if form not in FORMATS:
         raise ConfigError(f"unknown format {form!r}{suggest(form, FORMATS)}")
@@ -322,10 +321,9 @@ def _write_original_layout(path: Path, worlds: Mapping[int, World]) -> None:
     for world in worlds.values():
         if _has_metric_content(world):
             raise WorldError(
-                f"{world.name}: the original layout has no place for walls and moving"
-                " obstacles"
+                f"{world.name}: the original layout cannot hold walls or moving obstacles"
             )
-    # The original data set has its metrics by the published formula.
+    # The original data set has metrics by the published formula.
     published_metrics = {
         number: world_metrics(world, PUBLISHED).as_array()
         for number, world in worlds.items()
@@ -336,7 +334,7 @@ def _write_original_layout(path: Path, worlds: Mapping[int, World]) -> None:
 def _write_world(
     world: World, folder: Path, number: int, form: Form, *, movable: bool
 ) -> None:
-    """Write one world into `folder`, to a file named after number and format."""
+    """Write a world into `folder`, to a file (map: two) named after its number."""
     if form == "png":
         write_png(world_figure(world), folder / f"world_{number}.png")
     elif form == "yaml":
@@ -352,13 +350,13 @@ def _write_world(
 
 
 def _require_new(path: Path) -> None:
-    """Raise WorldError if `path` is a file, or a folder with something in it."""
+    """Raise WorldError if `path` is a file or a folder that is not empty."""
     if path.is_file() or (path.is_dir() and any(path.iterdir())):
         raise WorldError(f"{path}: exists already")
 
 
 def resize(worlds: Mapping[int, World], robot: str | Path) -> dict[int, World]:
-    """Return copies of worlds with equal grids and cells in the size of another robot.
+    """Return copies of worlds with the same grids and cells scaled to another robot.
 
     Paths stay if the robot takes as many cells as before. Otherwise they are planned
     again.
@@ -368,8 +366,8 @@ def resize(worlds: Mapping[int, World], robot: str | Path) -> dict[int, World]:
         robot: Name or YAML file of the robot.
 
     Raises:
-        BarnError: If a world has walls, moving obstacles or an arena, which are in
-            meters, or no path for the robot.
+        BarnError: If a world is an arena or has walls or moving obstacles, which are in
+            meters, or if it has no path for the robot.
     """
     target_robot = load_robot(robot)
     resolution_m = cell_size_m(target_robot)
@@ -386,14 +384,13 @@ def resize(worlds: Mapping[int, World], robot: str | Path) -> dict[int, World]:
 
 
 def _with_footprint(world: World, robot: Robot) -> World:
-    """Return a world for a robot, with a new path only if its size in cells differs.
+    """Return the world itself if its footprint fits the robot, else with a new path.
 
-    If that is equal, the world comes back as it is. Otherwise the path runs from the
-    first to the last column of the grid; start, goal and size of cells stay. Raises
-    WorldError if there is no such path.
+    The new path runs from the first to the last column of the grid; start, goal and size
+    of cells stay. Raises WorldError if there is no such path.
     """
     cells = robot.footprint_cells(world.resolution_m)
-    # The path of a data set is kept where it can be: a new one may differ.
+    # A new path may differ from that of the data set, which is kept if possible.
     if cells == world.footprint_cells:
         return world
     path = plan_grid_path(world.grid, cells, world.name)
@@ -401,7 +398,7 @@ def _with_footprint(world: World, robot: Robot) -> World:
 
 
 def _has_metric_content(world: World) -> bool:
-    """Tell whether a world has anything in meters, beside its cells."""
+    """Tell whether a world has walls, moving obstacles or a corner, given in meters."""
     in_cells = world.corner_m is None and world.built_m is None
     return bool(world.moving or world.walls or not in_cells)
 
@@ -420,8 +417,8 @@ def metrics(
     Args:
         source: A data set's name, or a file or folder of worlds.
         select: World numbers, such as "0-49".
-        formula: corrected, published (gives the numbers in print) or paper_text (as
-            the text has it).
+        formula: corrected, published (gives the printed numbers) or paper_text (as the
+            paper's text states it).
         robot: Robot whose C-space and path are measured, instead of the worlds' own.
 
     Returns:
@@ -442,7 +439,7 @@ def metrics_table(
     *,
     robot: str | Path = "",
 ) -> MetricsTable:
-    """Return the difficulty metrics as a `MetricsTable`, summed up as in Table II.
+    """Return the worlds' difficulty metrics as a `MetricsTable`, with their summary.
 
     Args:
         source: As for `metrics`.
@@ -455,7 +452,7 @@ def metrics_table(
     other_robot = load_robot(robot) if robot else None
 
     def read(number: int) -> World:
-        """Load a world by number; fit footprint and path to the other robot, if any."""
+        """Return a world by number, with footprint and path of the other robot, if any."""
         world = dataset.load(number)
         if other_robot is not None:
             world = _with_footprint(world, other_robot)
@@ -476,8 +473,8 @@ def draw(
 ) -> Plot:
     """Return a plot of one world with its course, or of several worlds on a sheet.
 
-    Start, goal and path of one world are those that a robot drives: its own, else those
-    of protocol challenge or, in an arena, dynabarn.
+    Start, goal and path of a single world are its own, or else those of protocol
+    challenge or, in an arena, dynabarn.
 
     Args:
         worlds: One world, or several by their numbers in a data set.
@@ -485,13 +482,13 @@ def draw(
         course: Start x, y, yaw and goal x, y [m, rad] instead of the world's own.
 
     Raises:
-        BarnError: If start or goal is blocked, or no path connects them; or several
-            worlds get a course.
+        BarnError: If start or goal is blocked, no path connects them, or several worlds
+            get a course.
     """
     if isinstance(worlds, Mapping):
         if course:
             raise ConfigError("a course is drawn in one world, not in several")
-        # Routes through one map are drawn over it.
+        # Routes through one map are drawn over that map.
         first, *others = worlds.values()
         shares_map = first.start is not None and all(
             np.array_equal(world.grid, first.grid) for world in others
@@ -505,9 +502,9 @@ def draw(
 def _with_course(
     world: World, robot: Robot, course: Sequence[float]
 ) -> tuple[World, Pose2D, Pose2D, float]:
-    """Return a world as a robot drives it: start, goal and distance of arrival in m."""
+    """Return (world fitted to a robot, start, goal, distance of arrival [m])."""
     world = fit_to_robot(world, robot, course)
-    # A corner in meters makes a world an arena, whose course is DynaBARN's.
+    # A world with a corner in meters is an arena, whose course is DynaBARN's.
     protocol = DYNABARN if world.corner_m is not None else CHALLENGE
     protocol = protocol.scaled_to(world, robot.chassis)
     ends = protocol.course(world)
@@ -522,18 +519,18 @@ def plan(
     course: Sequence[float] = (),
     **config: Any,
 ) -> None:
-    """Write a PDF to build a world by: coordinates, counts, tiles (1:10 if unset).
+    """Write a PDF plan for building a world: coordinates, counts, and tiles to scale.
 
     Args:
-        world: What is built.
+        world: World to build.
         out: The PDF.
-        robot: Robot that is to drive there.
+        robot: Robot that will drive there.
         course: As for `draw`.
-        config: Fields of `barn_worlds.drawing.plan.PlanConfig`: what it is built of,
-            and how the plan is printed.
+        config: Fields of `barn_worlds.drawing.plan.PlanConfig`: parts to build the world
+            of, and how the plan is printed (by default, 1:10).
 
     Raises:
-        BarnError: If the world cannot be built of that.
+        BarnError: If the world cannot be built of these parts.
     """
     details = load_robot(robot)
     outline_m = contact_footprint(details.chassis).corners_m
@@ -550,14 +547,14 @@ def survey(
     course: Sequence[float] = (),
     tolerance_m: float = 0.02,
 ) -> Survey:
-    """Return where a built world's obstacles stand, by the scans of a drive in it.
+    """Locate a built world's obstacles from the scans of a drive; return a `Survey`.
 
     Args:
         bag: The drive, with scans and odometry.
         world: The plan.
         robot: Robot that drove.
-        course: As for `draw`; its start counts where the bag has no true poses.
-        tolerance_m: Standard deviation of misplacements, as expected.
+        course: As for `draw`; its start is used if the bag has no true poses.
+        tolerance_m: Expected standard deviation of misplacements [m].
 
     Raises:
         BarnError: If the bag cannot be read, or its scans do not fit the plan.
@@ -569,7 +566,7 @@ def survey(
 def write_figure(
     worlds: Mapping[int, World], path: str | Path, *, course: Sequence[float] = ()
 ) -> None:
-    """Write a PNG of one world or a sheet of several, or, for .gif, an animation.
+    """Write a PNG of one world or a sheet of several or, for .gif, an animation of one.
 
     Args:
         worlds: Worlds by their numbers in a data set.
@@ -577,7 +574,8 @@ def write_figure(
         course: As for `draw`.
 
     Raises:
-        BarnError: If an animation is of several worlds, or of one that does not move.
+        BarnError: If an animation is to show several worlds, or one without moving
+            obstacles.
     """
     first = next(iter(worlds.values()))
     is_single = len(worlds) == 1

@@ -1,4 +1,4 @@
-"""`barn ab`: drives BASE and HEAD until it is clear which one is better."""
+"""`barn ab`: drive BASE and HEAD until it is clear which one is better."""
 
 from pathlib import Path
 from typing import Any
@@ -27,18 +27,18 @@ from barn_worlds.base.errors import ExitCode
     "--planner-command",
     default="",
     show_default=False,
-    help="Starts the planner of a workspace or a file.",
+    help="Command that starts the planner of a workspace or parameter file.",
 )
 @click.option(
     "--worlds",
     default="0:300:3",
-    help="Worlds to use at most; stops once the result is clear.",
+    help="Worlds that may be used; the comparison stops once its result is clear.",
 )
 @run_option
 @folder_option(
     "--out",
     default="out/ab",
-    help="Folder of all trials, kept for next time.",
+    help="Folder for all trials, which the next comparison uses again.",
 )
 @json_option
 def command(
@@ -50,15 +50,15 @@ def command(
     out: Path,
     as_json: bool,
 ) -> int:
-    """Drive BASE and HEAD through the same worlds until one is significantly better, or that has become unlikely.
+    """Drive BASE and HEAD through the same worlds until one is significantly better, or a difference is unlikely.
 
-    Each is a workspace (its folder or setup.bash) or a file of ROS parameters, for
-    --planner-command; a planner of the suite with settings, such as
-    dwa,dwa.path_weight=0.6; a file as for barn run; or a command. A side that has not
-    changed is not driven again. Prints Markdown for a pull request. Exit code 4 if HEAD
-    is worse.
+    BASE and HEAD are each a workspace (its folder or setup.bash) or a file of ROS
+    parameters, both with --planner-command; a planner of the suite with settings, such
+    as dwa,dwa.path_weight=0.6; a file as for barn run; or a command. A side that has not
+    changed is not driven again. The output is Markdown for a pull request. The exit code
+    is 4 if HEAD is worse.
     """
-    # What --run gives wins: it may name the same keys as the options.
+    # --run may name the same keys as the options; it overrides them.
     options = {"worlds": worlds, "out": out} | run
     result = ab(base, head, planner_command, options, reporter)
     base_folder, head_folder = result.folders

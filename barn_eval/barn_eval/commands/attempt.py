@@ -1,4 +1,4 @@
-"""`barn try`: a planner of your own, tried for ten seconds."""
+"""`barn try`: try a planner of your own for ten seconds."""
 
 from __future__ import annotations
 
@@ -38,16 +38,16 @@ if TYPE_CHECKING:
 @click.option(
     "--planner-input",
     metavar="TEXT",
-    help="Write it to the planner's standard input; {goal_x}, {goal_y}, {goal_yaw} and"
-    " {frame} stand for the goal, there and in COMMAND.",
+    help="Text for the planner's standard input. Here and in COMMAND, {goal_x},"
+    " {goal_y}, {goal_yaw} and {frame} stand for the goal.",
 )
 @json_option
 def command(as_json: bool, **planner: str | None) -> int:
     """Start a planner beside a simulator, and say what it lacks for trials.
 
-    COMMAND starts it, as in `barn run --planner-command`. In ten seconds, this checks
-    the modules that it imports, its topics and its first commands. The last line printed
-    is the `barn run` to type.
+    COMMAND starts the planner, as in `barn run --planner-command`. The test takes ten
+    seconds and checks the modules that the planner imports, its topics and its first
+    commands. The last line of output is the `barn run` command to type.
     """
     options = {"mode": "ros", "worlds": "0", **planner}
     if not any((planner["planner_command"], planner["planner_package"])):
@@ -80,10 +80,10 @@ def command(as_json: bool, **planner: str | None) -> int:
 
 
 def _rows(attempt: Attempt) -> list[tuple[str, str]]:
-    """Return what was seen as rows of a table."""
+    """Return (name, what was seen) rows: topics, and delay and rates if measured."""
     rows = [(name, topic or "none") for name, topic in attempt.topics.items()]
     for topic, kind in attempt.unserved.items():
-        rows.append((topic, f"{kind}, which nobody publishes here"))
+        rows.append((topic, f"{kind}, which no node publishes here"))
     if attempt.first_command_s is not None:
         rows.append(("first command", f"{attempt.first_command_s:.2f} s after a scan"))
     if attempt.command_rate_hz is not None:
@@ -96,7 +96,7 @@ def _rows(attempt: Attempt) -> list[tuple[str, str]]:
 def _run_line(
     request: RunRequest, attempt: Attempt, planner: Mapping[str, str | None]
 ) -> str:
-    """Return the `barn run` for the planner as it was started, with what it needs."""
+    """Return the `barn run` command line that starts the planner as this test did."""
     words = ["barn run --worlds 0 --protocol challenge --mode ros"]
     for option, text in planner.items():
         if text:

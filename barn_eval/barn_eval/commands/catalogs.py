@@ -1,4 +1,4 @@
-"""`barn robots`, `barn planners`, `barn protocols`: what there is, and each in detail."""
+"""`barn robots`, `barn planners` and `barn protocols`: list them, or show one."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -32,10 +32,10 @@ from barn_worlds.robots.files import ROBOTS, load_robot
 
 @click.command("robots")
 @click.argument("robot", type=ROBOT, required=False)
-@file_option("--out", help="Draw it from above, as .png, .svg or .pdf.")
+@file_option("--out", help="Picture of ROBOT from above (.png, .svg or .pdf).")
 @json_option
 def robots(robot: str | None, out: Path | None, as_json: bool) -> None:
-    """List the robots of the suite, or show all numbers of ROBOT (a name or a YAML file) with their sources."""
+    """List the robots of the suite, or show all values of ROBOT (a name or a YAML file) and their sources."""
     if robot is None:
         if out is not None:
             raise click.UsageError("--out needs ROBOT")
@@ -61,8 +61,8 @@ def robots(robot: str | None, out: Path | None, as_json: bool) -> None:
 def planners(planner: str | None, as_json: bool) -> None:
     """List all planners and their presets, or show the parameters of NAME with units and meanings.
 
-    Without PRESET, the values are those of the first preset. barn run takes parameters
-    with --set NAME.PARAMETER=VALUE.
+    Without PRESET, this shows the values of the first preset. To change a parameter, use
+    barn run --set NAME.PARAMETER=VALUE.
     """
     if planner is None:
         _print_planners(as_json)
@@ -136,7 +136,10 @@ def _print_robots(as_json: bool) -> None:
 def _entries_table(
     entries: list[dict[str, Any]], numbers: Iterable[str] = ()
 ) -> FittedTable:
-    """Return a table of entries with the same keys; columns of numbers go right."""
+    """Return a table with a row per entry and its keys as headings.
+
+    Columns in `numbers` are aligned to the right.
+    """
     columns = [f">{key}" if key in numbers else key for key in entries[0]]
     rows = [list(map(value_text, entry.values())) for entry in entries]
     return table(columns, rows)

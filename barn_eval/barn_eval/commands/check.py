@@ -1,4 +1,4 @@
-"""`barn check`, `submit` and `verify`: whether results follow from recordings."""
+"""`barn check`, `submit` and `verify`: check results against their recordings."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -47,7 +47,8 @@ _SUBMISSION_KEYS = (
 @click.option(
     "--rerun",
     metavar="TRIAL",
-    help="Run a trial again with its planner, by name or number from 1, and compare.",
+    help="Also run this trial (a name, or a number from 1) again with its planner, and"
+    " compare.",
 )
 @count_option(
     "--sample",
@@ -60,7 +61,7 @@ def command(folder: Path, rerun: str | None, sample: int | None, as_json: bool) 
     The referee's code computes scores, times, clearances, contacts and outcomes from
     tracks and bags. The commands, driven again without their planner, must give the
     recorded trajectory. Rows, tables, worlds and configuration must match. The run may
-    be unfinished. Exit code 1, with a line for each fault, if anything does not hold.
+    be unfinished. Each fault takes a line, and any fault makes the exit code 1.
     """
     with _findings_in(folder / RUN_FILE, "checking"):
         check = check_folder(folder, sample=sample)
@@ -70,7 +71,7 @@ def command(folder: Path, rerun: str | None, sample: int | None, as_json: bool) 
         difference = _rerun(Results(folder), rerun)
         is_reproduced = not difference
         if difference:
-            # As any other problem, a difference decides the exit code.
+            # Like any other problem, a difference decides the exit code.
             check.problems.append(f"{folder}: {rerun} is not reproduced: {difference}")
 
     if as_json:
@@ -84,7 +85,7 @@ def command(folder: Path, rerun: str | None, sample: int | None, as_json: bool) 
 
 @contextmanager
 def _findings_in(path: Path, status: str) -> Iterator[None]:
-    """Show a status; raise any error in reading as a finding, if the file exists."""
+    """Show a status; turn any BarnError into a FindingError if `path` exists."""
     try:
         with notes.status(status):
             yield
@@ -95,7 +96,7 @@ def _findings_in(path: Path, status: str) -> Iterator[None]:
 
 
 def _rerun(results: Results, trial: str) -> str:
-    """Run a trial again, by name or number from 1; return how it differs, if so."""
+    """Drive a trial (name, or number from 1) again; return its difference, or ""."""
     if trial.isdecimal() and 1 <= int(trial) <= len(results):
         return results.rerun(int(trial) - 1)
     return results.rerun(trial)
@@ -120,12 +121,13 @@ def print_check(check: FolderCheck) -> None:
     "--container",
     default="",
     metavar="DIGEST",
-    help="Digest of the image that the planner ran in, sha256:...",
+    help="Digest of the image that the planner ran in, such as sha256:...",
 )
 def submit(folder: Path, out: Path | None, container: str) -> None:
     """Check the results in FOLDER and write them as one file that `barn verify` checks anywhere.
 
-    It holds rows, tracks, commands, parameter files, versions and machine.
+    The file holds rows, tracks, commands, parameter files, versions and a description of
+    the machine.
     """
     # resolve() gives "." a name.
     path = out or Path(f"{folder.resolve().name}.barn.zip")
@@ -139,17 +141,17 @@ def submit(folder: Path, out: Path | None, container: str) -> None:
 @click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @folder_option(
     "--out",
-    help="Folder for verified results, such as for `barn leaderboard`.",
+    help="Folder to keep verified results in, for example for `barn leaderboard`.",
 )
 @json_option
 def verify(file: Path, out: Path | None, as_json: bool) -> None:
     """Check a FILE of `barn submit` as `barn check` does, on any machine with the same release.
 
-    Recomputes every score and drives every trial again from its commands. Anything that
-    cannot be checked counts as a failure. Exit code 1, with a line for each failure; then
-    --out is not written.
+    This recomputes every score and drives every trial again from its commands. Anything
+    that cannot be checked counts as a failure. Each failure takes a line; after any, the
+    exit code is 1 and --out is not written.
     """
-    # What does not hold must not be left in a folder that others then rank.
+    # Results that failed must not stay in a folder that others then rank.
     with TemporaryDirectory() if out is None else create_folder(out) as folder:
         with _findings_in(file, "verifying"):
             check, submission = verify_submission(file, Path(folder))

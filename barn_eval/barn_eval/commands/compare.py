@@ -1,4 +1,4 @@
-"""`barn compare`: planners on the same trials; `barn precision`: worlds needed."""
+"""`barn compare` planners on the same trials, and `barn precision`: worlds needed."""
 
 from pathlib import Path
 
@@ -45,19 +45,20 @@ from barn_worlds.base.errors import ExitCode
     "--columns",
     default="",
     show_default=False,
-    help="Measures, such as success,challenge.",
+    help="Measures to compare, such as success,challenge.",
 )
 @file_option(
     "--latex",
-    help="Write a table of the planners for a paper, the best in bold.",
+    help="Write a table for a paper, with the best planners in bold.",
 )
 @click.option(
     "--fail-if-worse",
     "margin_texts",
     multiple=True,
     metavar="MEASURE:MARGIN",
-    help="End with exit code 0 only if B is shown to be worse than A by no more than"
-    " this, such as challenge:0.01 or compute_p95_ms:10% of A's mean; repeatable.",
+    help="Exit with 0 only if the data show that B is worse than A by at most this"
+    " margin, such as challenge:0.01, or compute_p95_ms:10% for 10 % of A's mean;"
+    " repeatable.",
 )
 @json_option
 def command(
@@ -70,11 +71,11 @@ def command(
 ) -> int:
     """Compare A with B, folders of runs, finished or not; without B, the planners of A with each other.
 
-    A table takes the place of a folder: a CSV file with the columns planner, world,
+    A table can take the place of a folder: a CSV file with the columns planner, world,
     outcome and, where known, repetition and time, or out.txt of the BARN Challenge.
 
-    FOLDER:PLANNER chooses one of several planners, FOLDER:PLANNER,PLANNER some. If both
-    folders hold several and you choose none, planners of the same name are compared.
+    FOLDER:PLANNER,PLANNER selects planners of a folder. If both folders hold several and
+    you select none, planners of the same name are compared.
 
     With --fail-if-worse, the exit code is 4 if B is worse than A by more than a margin,
     and 5 if the data do not decide it at 95 %.
@@ -130,12 +131,13 @@ _ABOVE_ZERO = click.FloatRange(0.0, min_open=True)
 @click.option(
     "--half-width",
     type=_ABOVE_ZERO,
-    help="Wanted half-width of the 95 % interval of a mean [default: 5 % of the mean].",
+    help="Half-width that you want for the 95 % interval of a mean [default: 5 % of the"
+    " mean].",
 )
 @click.option(
     "--difference",
     type=_ABOVE_ZERO,
-    help="Difference of two planners to detect 8 times in 10 [default: 5 % of the"
+    help="Difference between two planners to detect in 8 of 10 runs [default: 5 % of the"
     " first one's mean].",
 )
 @click.option(
@@ -154,10 +156,10 @@ def precision(
     repetitions: int | None,
     as_json: bool,
 ) -> None:
-    """Say how many worlds you need for a precision, from the results in FOLDER.
+    """Estimate from the results in FOLDER how many worlds you need for a precision.
 
-    FOLDER:PLANNER, or FOLDER:PLANNER,PLANNER, chooses one or two of several planners.
-    Values are in the unit of the measure; for success, a share such as 0.05.
+    FOLDER:PLANNER or FOLDER:PLANNER,PLANNER selects one or two planners. Values are in
+    the unit of the measure; success is a share, such as 0.05.
     """
     _, rows_by_planner = read_selection(folder)
     estimate = estimate_precision(

@@ -1,4 +1,4 @@
-"""`barn course`: plans of courses that are built for real, and where they stand."""
+"""`barn course`: plan a course to build it on a floor, and survey it as built."""
 
 from pathlib import Path
 from typing import Any
@@ -27,18 +27,18 @@ _MOST_ROWS = 10
 
 @click.group("course")
 def command() -> None:
-    """Plan a world to build it on a floor, and survey where its obstacles stand."""
+    """Plan a world for building it on a floor, and survey where its obstacles stand."""
 
 
 def _load(dataset: str, number: int) -> World:
-    """Return the world of that number in a data set."""
+    """Return the world with a number, read from a data set; BarnError if it has none."""
     return api_worlds.load(dataset, str(number))[number]
 
 
 @command.command()
 @click.argument("world", type=int)
 @dataset_option(help="Data set, or file, that has the world.")
-@file_option("--out", default="plan.pdf", help="The plan (PDF).")
+@file_option("--out", default="plan.pdf", help="PDF to write the plan to.")
 @click.option("--box", type=float, help="Build it of boxes with this side [m].")
 @click.option("--post", type=float, help="Build it of posts with this diameter [m].")
 @parameters_option("--set", "config", "Of the plan", PlanConfig())
@@ -54,7 +54,7 @@ def plan(
     course: tuple[float, ...] | None,
     robot: str,
 ) -> None:
-    """Write a plan for building WORLD: coordinates, counts, tapes, and tiles to scale."""
+    """Write a plan for building WORLD: coordinates, counts, tape distances, and tiles to scale."""
     if box is not None and post is not None:
         raise click.UsageError("--box and --post exclude each other")
     if box is not None:
@@ -76,7 +76,7 @@ def plan(
     help="Number of the world that was built.",
 )
 @dataset_option(help="Data set, or file, that has the world.")
-@file_option("--out", help=f"Write the world as built (NAME{ENDING}), for barn run.")
+@file_option("--out", help=f"File for the world as built (NAME{ENDING}), for barn run.")
 @course_option
 @robot_option
 @click.option(
@@ -98,9 +98,9 @@ def survey(
 ) -> None:
     """Locate the obstacles of a built world from the scans of a drive in BAG.
 
-    Positions are relative to each other; the course as a whole lies where the bag's true
-    poses say, or else where it fits the plan best. What is unsure is named, and stands
-    as planned in the world that --out writes.
+    Positions are relative to each other. The bag's true poses place the course as a
+    whole; without them, it is placed where it fits the plan best. Obstacles whose
+    position is unsure are listed, and the world that --out writes has them as planned.
     """
     if out is not None and not out.name.endswith(ENDING):
         raise click.UsageError(f"--out must end in {ENDING}, got {out}")

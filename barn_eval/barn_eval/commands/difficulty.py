@@ -1,4 +1,4 @@
-"""`barn difficulty`: how difficult worlds are, as learned."""
+"""`barn difficulty`: predict how difficult worlds are, by a learned model."""
 
 from pathlib import Path
 
@@ -30,10 +30,10 @@ def command() -> None:
 @command.command()
 @source_argument
 @worlds_option
-@file_option("--weights", help="Weights [default: the shipped ones].")
+@file_option("--weights", help="Weights of the model [default: those of the suite].")
 @json_option
 def predict(source: str, select: str, weights: Path | None, as_json: bool) -> None:
-    """Predict how difficult the worlds of SOURCE are: a data set, a folder or a file, also of your own maps."""
+    """Predict how difficult the worlds of SOURCE are: a data set, or a folder or file, also of your own maps."""
     model, name, predictions = predict_rows(source, select, weights)
     planner_columns = []
     # Each model knows its own planners, so columns come from the prediction.

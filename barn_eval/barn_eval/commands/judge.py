@@ -1,4 +1,4 @@
-"""`barn judge`: trials of any simulator or robot, judged from their bags."""
+"""`barn judge`: judge trials of any simulator or robot from their bags."""
 
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,7 @@ _OPTIONS = JudgeOptions()
 
 
 def _judge_options(command: Any) -> Any:
-    """Give a command an option for each field of `JudgeOptions`."""
+    """Return a command with an option added for each field of `JudgeOptions`."""
     for name, _, _ in reversed(list(fields_of(_OPTIONS))):
         command = field_option(_OPTIONS, name)(command)
     return command
@@ -35,7 +35,7 @@ def _judge_options(command: Any) -> Any:
 @path_argument("bags", nargs=-1, required=True)
 @_judge_options
 @course_option
-@folder_option("--out", required=True, help="Folder of the results.")
+@folder_option("--out", required=True, help="Folder for the results.")
 @flag_option("--overwrite", help="Remove other results from that folder first.")
 @json_option
 def command(
@@ -46,10 +46,10 @@ def command(
     as_json: bool,
     **values: Any,
 ) -> int:
-    """Judge trials that somebody else ran, from BAGS, and write ordinary results.
+    """Judge trials that others ran, from BAGS, and write ordinary results.
 
-    A bag is a rosbag2 folder or file (MCAP, SQLite, also compressed) or of ROS 1. Each
-    goal in it begins a trial. What a bag does not tell stays empty.
+    A bag is a rosbag2 folder or file (MCAP or SQLite, also compressed) or a ROS 1 bag.
+    Each goal in a bag begins a trial. Measures that a bag has no data for stay empty.
     """
     options = {name: value for name, value in values.items() if value is not None}
     with notes.status("judging"):

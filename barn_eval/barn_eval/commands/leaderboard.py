@@ -1,4 +1,4 @@
-"""`barn leaderboard`: the planners of many runs, ranked."""
+"""`barn leaderboard`: rank the planners of many runs."""
 
 from pathlib import Path
 
@@ -34,15 +34,15 @@ from barn_worlds.base.config import as_dict
 @path_option(
     "--out",
     multiple=True,
-    help="File ending in .md or .html, repeatable [default: printed].",
+    help="File to write, .md or .html, instead of printing; repeatable.",
 )
 @click.option(
-    "--worlds", default="all", help="Rank by these worlds only, such as 0-49."
+    "--worlds", default="all", help="Rank by trials in these worlds only, such as 0-49."
 )
 @click.option(
     "--convention",
     type=click.Choice(tuple(CONVENTIONS)),
-    help="Rank physical trials as this event counts them, without tests.",
+    help="Rank physical trials by the rules of this event, without statistical tests.",
 )
 @json_option
 def command(
@@ -55,8 +55,8 @@ def command(
 ) -> None:
     """Rank the planners of FOLDERS of runs.
 
-    Planners whose difference is not significant share a rank. Each protocol and set of worlds has
-    a board of its own.
+    Planners share a rank if no test separates them. Each protocol and each set of worlds
+    has its own board.
     """
     if convention is not None:
         if by or out or worlds != "all":
@@ -69,7 +69,7 @@ def command(
         return
     with notes.status("ranking"):
         boards = make_boards(folders, by or "", worlds)
-    # With --out, a table is for the file and not for the terminal as well.
+    # With --out, boards go to the files and not to the terminal as well.
     if as_json or not out:
         conclusions = []
         renderables: list[object] = []

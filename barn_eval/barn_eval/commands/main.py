@@ -1,7 +1,7 @@
-"""The `barn` command: subcommands are imported when called, errors take one line.
+"""The `barn` command. A subcommand is imported when called; an error takes one line.
 
-data/commands.json has groups of subcommands by purpose, and a summary, an example and a
-page for each subcommand.
+data/commands.json groups the subcommands by purpose and gives each a summary, an example
+and a page.
 """
 
 import json
@@ -30,8 +30,7 @@ COMMANDS = {name: summary for name, (summary, _, _) in _ENTRIES.items()}
 MORE = {name: (example, page) for name, (_, example, page) in _ENTRIES.items()}
 """Example and page of each subcommand."""
 
-# Other commands are the attribute `command` of the module of their name.
-# Commands that share a module have their own names there.
+# Commands that are not the attribute `command` of the module of their name.
 _MODULES = {
     "demo": "run:demo",
     "precision": "compare:precision",
@@ -55,11 +54,11 @@ class LazyGroup(click.Group):
     """
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
-        """Return the names of all subcommands, those of other packages last."""
+        """Return the names of all subcommands; those of other packages come last."""
         return [*COMMANDS, *_plugins()]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
-        """Import the module of a subcommand and return the command.
+        """Import a subcommand's module; return the command, with an example in its help.
 
         Args:
             ctx: Context of the call.
@@ -107,7 +106,7 @@ class LazyGroup(click.Group):
         ctx: click.Context,
         formatter: click.HelpFormatter,
     ) -> None:
-        """Write names and summaries of all subcommands into a help page, by purpose.
+        """Write all subcommands with their summaries, by purpose, to a help page.
 
         Args:
             ctx: Context of the call.
@@ -126,20 +125,20 @@ class LazyGroup(click.Group):
 
 
 def _plugins() -> dict[str, EntryPoint]:
-    """Return other packages' subcommands by name, as entry points not yet loaded."""
+    """Return the entry points of other packages' subcommands by name, not loaded."""
     return {point.name: point for point in entry_points(group="barn_eval.commands")}
 
 
 def _plugin_summaries() -> list[tuple[str, str]]:
-    """Return name and module of each subcommand of other packages."""
-    return [(name, f"Of {point.module}.") for name, point in _plugins().items()]
+    """Return (name, "From MODULE.") of each subcommand of other packages."""
+    return [(name, f"From {point.module}.") for name, point in _plugins().items()]
 
 
 def _print_version(ctx: click.Context, _: click.Parameter, is_requested: bool) -> None:
-    """Print version and, in a repository, commit for --version, then exit."""
-    # Completion parses half a line and must not print or leave.
+    """If --version is given, print version and known commit, and exit the command."""
+    # Completion parses half a line and must neither print nor exit.
     if is_requested and not ctx.resilient_parsing:
-        # Only here: to ask git takes longer than to print any help.
+        # Only here, because asking git takes longer than printing help.
         commit = import_module("barn_eval.results.provenance").commit()
         version = f"barn {__version__}"
         if commit:
@@ -169,7 +168,7 @@ def cli() -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the `barn` command with these arguments, by default sys.argv's, and exit.
+    """Run the `barn` command and exit the process; arguments default to sys.argv's.
 
     `ExitCode` has the exit codes.
     """
@@ -178,9 +177,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _run(arguments: Sequence[str] | None) -> int:
-    """Run the `barn` command and return its exit code; print an error in one line."""
+    """Run `barn`; return its exit code. Errors are printed, in one line if expected."""
     try:
-        # By itself, click would print errors its own way and exit with its codes.
+        # In standalone mode, click prints errors and exits with codes of its own.
         result = cli.main(args=arguments, prog_name="barn", standalone_mode=False)
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.format_message())
@@ -189,7 +188,7 @@ def _run(arguments: Sequence[str] | None) -> int:
         click.echo("interrupted", err=True)
         return ExitCode.INTERRUPTED
     except SystemExit as error:
-        # click ends so where the reader of the output is gone.
+        # click exits with 1 if the reader of the output is gone.
         if error.code == 1:
             return ExitCode.READER_GONE
         raise
@@ -204,14 +203,14 @@ def _run(arguments: Sequence[str] | None) -> int:
         click.echo(f"error: {join_lines(_describe(error))}", err=True)
         return error.exit_code if isinstance(error, BarnError) else ExitCode.REFUSED
     except Exception:
-        # A fault of the suite's own must not look like a finding.
+        # A fault of the suite itself must not look like a finding.
         traceback.print_exc()
         return ExitCode.REFUSED
     return result if isinstance(result, int) else ExitCode.DONE
 
 
 def _describe(error: Exception) -> str:
-    """Return the message of an error, with the help of a command or a file's name."""
+    """Return an error's message, with the command's --help or the file it names."""
     if isinstance(error, click.UsageError):
         command = error.ctx.command_path if error.ctx else "barn"
         return f"{error.format_message()} (see {command} --help)"
@@ -219,4 +218,4 @@ def _describe(error: Exception) -> str:
         return error.format_message()
     if isinstance(error, OSError) and error.filename:
         return f"{error.filename}: {error.strerror}"
-    return str(error) or "there is not enough memory"
+    return str(error) or "not enough memory"

@@ -1,4 +1,4 @@
-"""What several commands share: options and the way values are printed."""
+"""Options that several commands share, and how commands print."""
 
 import json
 from collections.abc import Callable, Iterable, Iterator
@@ -36,7 +36,7 @@ reporter = ConsoleReporter(notes)
 
 
 class NameType(click.types.StringParamType):
-    """A text that the shell completes with names, or with files if none fits."""
+    """A text that the shell completes with names, or with files if no name fits."""
 
     def __init__(self, list_names: Callable[[], Iterable[str]]):
         """Make a type whose names are those that `list_names` returns."""
@@ -48,7 +48,7 @@ class NameType(click.types.StringParamType):
         param: click.Parameter,  # noqa: ARG002
         incomplete: str,
     ) -> list[CompletionItem]:
-        """Return completions of the last of the names that commas join.
+        """Return completions of the last name in a comma-separated list, or files.
 
         Args:
             ctx: Context of the call.
@@ -82,11 +82,11 @@ dataset_option = partial(click.option, "--dataset", type=DATASET, default="barn3
 source_argument = click.argument("source", type=DATASET, default="barn300")
 folder_argument = path_argument("folder")
 folders_argument = path_argument("folders", nargs=-1, required=True)
-quiet_option = flag_option("-q", "--quiet", help="Show no progress, only warnings.")
+quiet_option = flag_option("-q", "--quiet", help="Show warnings only, no progress.")
 verbose_option = flag_option("-v", "--verbose", help="Show a line for each trial.")
 json_option = flag_option("--json", "as_json", help="Print JSON instead of tables.")
 worlds_option = click.option(
-    "--worlds", "select", default="all", help="Which, such as 0-49."
+    "--worlds", "select", default="all", help="Numbers of worlds, such as 0-49."
 )
 
 robot_option = click.option(
@@ -100,14 +100,14 @@ robot_option = click.option(
 def field_option(
     config: object, name: str, default: str = "", short: str = "", kind: Any = None
 ) -> Decorator[Any]:
-    """Return click's option --NAME for a configuration's field: type, limits, help.
+    """Return a decorator that adds an option --NAME for a configuration's field.
 
     Args:
         config: A configuration with its default values.
         name: Name of the field and, with two dashes, of the option.
-        default: How the help names the default, unless by its value.
-        short: Another name of the option, of one letter, such as "-w".
-        kind: Type of the value, unless that of the field.
+        default: What the help says of the default. By default, its value.
+        short: Short name of the option, such as "-w".
+        kind: Type of the value. By default, that of the field.
     """
     quantity, value = next(
         (quantity, value)
@@ -120,7 +120,7 @@ def field_option(
         kind = click.Choice(quantity.choices)
     elif kind is int and quantity.minimum is not None and quantity.maximum is not None:
         kind = click.IntRange(int(quantity.minimum), int(quantity.maximum))
-    # Descriptions also end sentences of other tables, so they begin small.
+    # Descriptions begin with a small letter, as tables show them.
     meaning = quantity.description[:1].upper() + quantity.description[1:]
     help_text = f"{meaning} [default: {default or value}]."
     if not (default or value):
@@ -137,12 +137,12 @@ def parameters_option(
     *,
     metavar: str = "KEY=VALUE",
 ) -> Decorator[Any]:
-    """Return a repeatable option KEY=VALUE that gives a command one mapping.
+    """Return a decorator that adds a repeatable KEY=VALUE option, read as one mapping.
 
     Args:
         option: The option, such as "--set".
         name: Argument of the command.
-        meaning: Beginning of the help.
+        meaning: First words of the help.
         config: Configuration whose parameters the help lists.
         metavar: Form of a value in the help; the part after = is read as YAML.
     """
@@ -158,7 +158,7 @@ def parameters_option(
     def parse(
         _: click.Context, __: click.Parameter, texts: tuple[str, ...]
     ) -> dict[str, Any]:
-        """Return the option's KEY=VALUE texts as a mapping, values as YAML."""
+        """Return KEY=VALUE texts as a mapping, with values read as YAML."""
         return parse_parameters(texts, option)
 
     return click.option(
@@ -183,8 +183,8 @@ class _ParametersOption(click.Option):
 
 
 def _print_keys(context: click.Context, _: click.Parameter, is_requested: bool) -> None:
-    """Print a table of keys for each option KEY=VALUE of the command, and exit."""
-    # Completion parses half a line and must not print or leave.
+    """If --help-keys is given, print each KEY=VALUE option's keys, and exit."""
+    # Completion parses half a line and must neither print nor exit.
     if not is_requested or context.resilient_parsing:
         return
     for parameter in context.command.params:
@@ -200,7 +200,7 @@ help_keys_option = flag_option(
     is_eager=True,
     expose_value=False,
     callback=_print_keys,
-    help="Show the keys of these options, their defaults and meanings.",
+    help="Show the keys of all KEY=VALUE options, with defaults and meanings.",
 )
 
 
@@ -233,13 +233,13 @@ run_option = click.option(
     multiple=True,
     metavar="KEY=VALUE",
     callback=_parse_run_options,
-    help="What else a file for barn run has, as dataset, repetitions, seed, workers,"
-    " ros.lockstep; repeatable.",
+    help="Any other key of a file for barn run, such as dataset, repetitions, seed,"
+    " workers or ros.lockstep; repeatable.",
 )
 
 
 def _read_course(text: str) -> tuple[float, ...]:
-    """Return the 5 or 6 numbers of "X,Y,YAW:X,Y[,YAW]" [m, rad]."""
+    """Return the 5 or 6 numbers of "X,Y,YAW:X,Y[,YAW]" [m, rad], or raise ConfigError."""
     start, colon, goal = text.partition(":")
     start_texts = start.split(",")
     goal_texts = goal.split(",")
@@ -250,8 +250,8 @@ def _read_course(text: str) -> tuple[float, ...]:
     # A sixth number is the yaw at the goal.
     if not colon or len(start_texts) != 3 or len(numbers) not in (5, 6):
         raise ConfigError(
-            f"--course {format_value(text)}: must be X,Y,YAW:X,Y of start and goal,"
-            " in m and rad"
+            f"--course {format_value(text)}: must be X,Y,YAW:X,Y, the start and goal in"
+            " m and rad"
         )
     return numbers
 
@@ -260,24 +260,24 @@ _course_option = partial(
     click.option, "--course", type=_read_course, metavar="X,Y,YAW:X,Y"
 )
 _COURSE_HELP = (
-    "Start and goal in every world, in m and rad [default: the world's own, else the"
-    " protocol's]"
+    "Start and goal in every world, in m and rad [default: the world's own, or else"
+    " those of the protocol]"
 )
 course_option = _course_option(help=f"{_COURSE_HELP}.")
 courses_option = _course_option(
     multiple=True,
-    help=f"{_COURSE_HELP}; of several, each is a world.",
+    help=f"{_COURSE_HELP}; repeatable: each course is then a world.",
 )
 
 
 def make_console_reporter(quiet: bool, verbose: bool) -> ConsoleReporter:
-    """Return a reporter to standard error for -q, -v or neither.
+    """Return a reporter that writes to standard error, as verbose as -q and -v say.
 
     Raises:
         click.UsageError: If both are set.
     """
     if quiet and verbose:
-        raise click.UsageError("--quiet excludes --verbose")
+        raise click.UsageError("--quiet and --verbose exclude each other")
     if quiet:
         return ConsoleReporter(notes, Verbosity.QUIET)
     if verbose:
@@ -286,7 +286,7 @@ def make_console_reporter(quiet: bool, verbose: bool) -> ConsoleReporter:
 
 
 def split_names(text: str) -> tuple[str, ...]:
-    """Return names that commas separate, without blanks and empty ones."""
+    """Return the names in a comma-separated text, stripped, without empty ones."""
     names = (name.strip() for name in text.split(","))
     return tuple(name for name in names if name)
 
@@ -297,7 +297,7 @@ def print_json(content: object) -> None:
 
 
 def print_output(as_json: bool, content: object, *renderables: object) -> None:
-    """Print JSON, or lines and tables, to standard output.
+    """Print `content` as JSON, or else lines and tables, to standard output.
 
     Args:
         as_json: Whether to print `content` instead of `renderables`.
@@ -312,7 +312,7 @@ def print_output(as_json: bool, content: object, *renderables: object) -> None:
 
 @contextmanager
 def progress_bar(text: str) -> Iterator[Callable[[float], None]]:
-    """Show a bar on a terminal; yield a function that takes the share done, 0 to 1."""
+    """Show a bar if on a terminal; yield a function to call with the share done, 0-1."""
     # A bar in a file or pipe would be noise.
     with Progress(console=notes, transient=True, disable=not notes.is_terminal) as bar:
         task = bar.add_task(text, total=1.0)
@@ -320,7 +320,7 @@ def progress_bar(text: str) -> Iterator[Callable[[float], None]]:
 
 
 def print_notes(*lines: object) -> None:
-    """Print each line to standard error, beside the output of a command."""
+    """Print each line to standard error, without control characters or wrapping."""
     for line in lines:
-        # A path in a message may have brackets, and must stay one line to copy.
+        # A path may have brackets, and must stay in one line to be copied.
         notes.print(strip_controls(str(line)), markup=False, soft_wrap=True)

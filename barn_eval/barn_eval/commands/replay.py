@@ -1,4 +1,4 @@
-"""`barn replay`: trials from their bags, as page, picture, animation or film."""
+"""`barn replay`: draw trials from their bags as a page, picture, animation or film."""
 
 from pathlib import Path
 
@@ -24,14 +24,14 @@ _OPTIONS = JudgeOptions()
 @file_option(
     "--out",
     multiple=True,
-    help="A page (.html), the end as a picture (.png), an animation (.gif) or a film"
-    " (.mp4, needs ffmpeg), repeatable [default: NAME.html].",
+    help="File to write: a page (.html), a picture of the end (.png), an animation"
+    " (.gif) or a film (.mp4, needs ffmpeg); repeatable [default: NAME.html].",
 )
 @click.option(
     "--camera",
     type=click.Choice(CAMERAS),
     default="top",
-    help="View of picture, GIF and film.",
+    help="View in pictures, GIFs and films.",
 )
 @click.option(
     "--fps", default=10.0, type=click.FloatRange(1.0, 60.0), help="Frames per second."
@@ -40,7 +40,7 @@ _OPTIONS = JudgeOptions()
     "--speed",
     default=2.0,
     type=click.FloatRange(0.1, 100.0),
-    help="Playback speed of GIF and film, as a multiple of real time.",
+    help="Playback speed of GIFs and films, as a multiple of real time.",
 )
 @field_option(_OPTIONS, "pose")
 @field_option(_OPTIONS, "goal")
@@ -54,13 +54,13 @@ def command(
     speed: float,
     **names: str | None,
 ) -> None:
-    """Draw the trial of a bag: rosbag2 (MCAP or SQLite, folder or file) or ROS 1.
+    """Draw the trial in a bag of rosbag2 (MCAP or SQLite, folder or file) or ROS 1.
 
-    Several BAGS are drawn beside each other on one clock; their page also overlays them
-    and aligns them in progress along the path. A damaged bag is shown up to where it is
-    cut off.
+    Several BAGS are drawn side by side on one clock; their page can also overlay them
+    and align them by progress along the path. A damaged bag is shown up to where it
+    breaks off.
     """
-    # A page or a picture takes no time to draw, but its bags do to read.
+    # For a page or a picture, reading the bags takes most of the time.
     has_frames = any(path.suffix in (".gif", ".mp4") for path in out)
     with progress_bar("drawing" if has_frames else "reading") as progress:
         paths = write_replay(

@@ -1,4 +1,4 @@
-"""`barn report`: runs as one page."""
+"""`barn report`: write a page on one or several runs."""
 
 import webbrowser
 from dataclasses import dataclass
@@ -23,17 +23,17 @@ from barn_worlds.base.config import Checked, from_dict, quantity
 
 @dataclass(frozen=True)
 class ReportSettings(Checked):
-    """Seldom used settings of a report."""
+    """Settings of a report that are seldom changed."""
 
     columns: str = quantity(
-        "", "measures of the tables, columns of the results, such as success,challenge"
+        "", "measures in the tables: columns of the results, such as success,challenge"
     )
     hardest: int = quantity(
-        DEFAULT_HARDEST, "hardest worlds in their figure", "", 0, 40
+        DEFAULT_HARDEST, "number of worlds in the figure of the hardest", "", 0, 40
     )
     title: str = quantity("", "title of the page")
     width_mm: float = quantity(
-        0.0, "width of figures in OUT_assets, 0 for that of the page", "mm", minimum=0.0
+        0.0, "width of figures in OUT_assets; 0: as in the page", "mm", minimum=0.0
     )
 
 
@@ -42,20 +42,21 @@ class ReportSettings(Checked):
 @path_option(
     "-o",
     "--out",
-    help="The page [default: report.html in FOLDER; of several, in this folder].",
+    help="File for the page [default: report.html in FOLDER, or in the current folder"
+    " for several].",
 )
-@flag_option("--open", "is_opened", help="Show the page in a browser.")
+@flag_option("--open", "is_opened", help="Open the page in a browser.")
 @click.option(
     "--assets/--no-assets",
     default=True,
-    help="Write figures and tables into OUT_assets as well.",
+    help="Also write figures and tables to OUT_assets.",
 )
 @flag_option(
     "--replays",
-    help="Draw the replay of each bag into OUT_replays and link to it.",
+    help="Write a replay of each bag to OUT_replays and link to it.",
 )
 @parameters_option(
-    "--set", "parameters", "Of the page and its figures", ReportSettings()
+    "--set", "parameters", "Setting of the page or its figures", ReportSettings()
 )
 def command(
     folders: tuple[Path, ...],
@@ -65,10 +66,10 @@ def command(
     replays: bool,
     parameters: dict[str, Any],
 ) -> None:
-    """Write the report of FOLDERS of runs, finished or not.
+    """Write a report of FOLDERS of runs, finished or not.
 
-    Figures go beside the page as SVG and PDF, tables as CSV and LaTeX. --set
-    width_mm=88 fits a column.
+    Figures are also written beside the page as SVG and PDF, tables as CSV and LaTeX.
+    --set width_mm=88 makes figures fit a column of a paper.
     """
     if out is None:
         out = Path("report.html")
@@ -76,7 +77,7 @@ def command(
             out = folders[0] / out
     # Before the report is computed, which takes minutes for a large run.
     if out.is_dir():
-        raise click.UsageError(f"--out {out}: is a folder, name a file")
+        raise click.UsageError(f"--out {out}: is a folder; name a file")
     settings = from_dict(ReportSettings, parameters, "--set")
     assets_folder = None
     if assets:

@@ -1,4 +1,4 @@
-"""`barn run`, also called `barn campaign`, and `barn demo`: they execute trials."""
+"""`barn run`, also called `barn campaign`, and `barn demo`: run trials."""
 
 import shlex
 from collections.abc import Sequence
@@ -73,8 +73,8 @@ _EXECUTION = ExecutionConfig()
     "--planners",
     "--planner",
     type=PLANNER,
-    help="Planners, as NAME, NAME:PRESET or, to have one twice, NEW_NAME=NAME:PRESET;"
-    " joined by commas [default: dwa, or of commands].",
+    help="Planners, separated by commas. Each is NAME, NAME:PRESET or, to use one twice,"
+    " NEW_NAME=NAME:PRESET [default: dwa, or those of --planner-command].",
 )
 @field_option(_RUN, "worlds")
 @field_option(_RUN, "dataset", kind=DATASET)
@@ -87,7 +87,7 @@ _EXECUTION = ExecutionConfig()
 @click.option(
     "--robot",
     type=ROBOT,
-    help="A name (see barn robots) or a YAML file [default: jackal].",
+    help="Name (see barn robots) or YAML file [default: jackal].",
 )
 @courses_option
 @field_option(_RUN, "routes")
@@ -98,8 +98,9 @@ _EXECUTION = ExecutionConfig()
     "--planner-command",
     multiple=True,
     metavar="[NAME=]COMMAND",
-    help="Start a planner of your own (mode ros) [default name: of its script];"
-    " repeatable. {goal_x}, {goal_y}, {goal_yaw} and {frame} stand for the trial's goal.",
+    help="Command that starts a planner of your own (mode ros); repeatable. {goal_x},"
+    " {goal_y}, {goal_yaw} and {frame} stand for the trial's goal [default NAME: that of"
+    " the script].",
 )
 @click.option(
     "--planner-package",
@@ -112,33 +113,34 @@ _EXECUTION = ExecutionConfig()
     "--planner-input",
     multiple=True,
     metavar="[NAME=]TEXT",
-    help="Write it to the planner's standard input, the goal in the same braces, \\n for"
-    " the end of a line.",
+    help="Text for the planner's standard input, with the same placeholders for the goal;"
+    " \\n ends a line.",
 )
 @parameters_option(
     "--set",
     "settings",
-    "A planner's parameter (barn planners NAME lists them), without PLANNER if there"
-    " is one planner",
+    "Parameter of a planner (barn planners NAME lists them); PLANNER may be left out if"
+    " there is only one",
     metavar="[PLANNER.]KEY=VALUE",
 )
 @click.option(
     "--sweep",
     multiple=True,
     metavar="KEY=V1,V2,...",
-    help="Run each value of a parameter, and all combinations of several; repeatable.",
+    help="Run with each value of a parameter; repeatable: all combinations are run.",
 )
 @click.option(
     "--latency",
     metavar="S1,S2,...",
-    help="Drive each planner with commands that come so much late, in s.",
+    help="Drive each planner with its commands delayed by each of these times [s].",
 )
-@parameters_option("--sim", "simulator", "Of the simulator", SimulatorConfig())
-@parameters_option("--ros", "ros", "Of mode ros", RosConfig())
+@parameters_option("--sim", "simulator", "Setting of the simulator", SimulatorConfig())
+@parameters_option("--ros", "ros", "Setting of mode ros", RosConfig())
 @parameters_option(
     "--execution",
     "execution",
-    "How it is run, which changes no result but by compute (declared or measured)",
+    "How trials are executed; of these, only compute (declared or measured) changes"
+    " results",
     _EXECUTION,
 )
 @field_option(_EXECUTION, "workers", default="one per processor", short="-w")
@@ -146,23 +148,23 @@ _EXECUTION = ExecutionConfig()
 @folder_option(
     "-o",
     "--out",
-    help="Folder of the results [default: a new one under out/, named by the time].",
+    help="Folder for the results [default: a new one in out/, named after the time].",
 )
 @file_option(
     "--system",
-    help="Judge a simulator or robot that runs elsewhere, as this YAML file describes;"
-    " without --planner or --planner-command, you start the planner as well.",
+    help="Judge trials of a simulator or robot that you run yourself and describe in this"
+    " YAML file; without --planner or --planner-command, you also start the planner.",
 )
 @flag_option(
     "--view",
-    help="Show the trials live in Foxglove and on a page; needs bags.",
+    help="Show trials live in Foxglove and on a page; needs bags.",
 )
 @flag_option("--overwrite", help="Remove other results from that folder first.")
 @flag_option(
     "--dry-run",
-    help="Show what would run, its time and its disk space; run nothing.",
+    help="Show what would run and estimate time and disk space; run nothing.",
 )
-@flag_option("--all", "show_all", help="Print trials and all measures as well.")
+@flag_option("--all", "show_all", help="Also print each trial and all measures.")
 @quiet_option
 @verbose_option
 @json_option
@@ -183,17 +185,17 @@ def command(
 ) -> int:
     """Run trials of one or several planners in worlds and score them.
 
-    Options or FILE (YAML) describe the run; options override the file. The same command
-    resumes an interrupted run. OUT then holds results.jsonl with a row per
+    Options or FILE (YAML) describe the run; options override the file. To resume an
+    interrupted run, type the same command again. OUT gets results.jsonl with a row per
     trial, the tables results.parquet and .csv, and bags.
     """
     run_reporter = make_console_reporter(quiet, verbose)
-    # click gives all options; those that the user left out must not replace the file's.
+    # click passes all options; those left out must not replace values of the file.
     options = {
         name: value for name, value in values.items() if value not in (None, (), {})
     }
     if latency and sweep:
-        raise click.UsageError("--latency is itself a sweep: leave out --sweep")
+        raise click.UsageError("--latency is a sweep itself and excludes --sweep")
     if latency:
         # A latency study is a sweep over one key that no planner has.
         sweep = (f"{LATENCY}={latency}",)
@@ -202,17 +204,17 @@ def command(
         has_course = bool(options.keys() & {"course", "simulator"})
         if file or sweep or overwrite or dry_run or view or has_course:
             raise click.UsageError(
-                "--system takes no FILE, --sweep, --latency, --overwrite, --dry-run,"
+                "--system excludes FILE, --sweep, --latency, --overwrite, --dry-run,"
                 " --view, --course and --sim"
             )
         return _run_observed(system, options, as_json, show_all)
 
     request = read_request(file, options)
-    # A sweep of the file counts as well.
+    # The file may describe a sweep as well.
     parameters = read_sweep(file, sweep)
     if parameters:
         if dry_run or view:
-            raise click.UsageError("a sweep is run without --dry-run and --view")
+            raise click.UsageError("a sweep excludes --dry-run and --view")
         return _run_settings(
             grid(request, parameters),
             run_reporter,
@@ -243,7 +245,7 @@ def execute(
     view: bool = False,
     show_all: bool = False,
 ) -> int:
-    """Run the missing trials of a run, print all results and return the exit code.
+    """Run a request's missing trials, print all results and return the exit code.
 
     Args:
         request: The run and its folder.
@@ -256,7 +258,7 @@ def execute(
     # The viewer starts before the run, so it shows the first trial.
     viewer: AbstractContextManager[None] = nullcontext()
     if view:
-        # Imports what reads bags, which help and most runs do not need.
+        # Only here: most runs need no reader of bags.
         from barn_eval.commands.watch import serve_view  # noqa: PLC0415
 
         viewer = serve_view(request.out, request.config.bags)
@@ -265,7 +267,8 @@ def execute(
             results = run_request(request, reporter, overwrite=overwrite)
     except KeyboardInterrupt:
         print_notes(
-            f"stopped; finished trials are in {request.out}, the same command resumes"
+            f"stopped; finished trials are in {request.out}, and the same command"
+            " resumes the run"
         )
         raise
     return _finish(request, results, as_json, show_all)
@@ -280,7 +283,7 @@ def _finish(request: RunRequest, results: Rows, as_json: bool, show_all: bool) -
 def _run_observed(
     system: Path, options: dict[str, Any], as_json: bool, show_all: bool
 ) -> int:
-    """Judge trials in a system of a file, print all results and return exit code."""
+    """Judge trials of the system in a file, print all results, return the exit code."""
     problem = ros_problem()
     if problem:
         raise ConfigError(f"--system: {problem}; install ROS 2 for this Python")
@@ -304,7 +307,7 @@ def _run_observed(
 def _run_settings(
     settings: Sequence[Setting], reporter: Reporter, *, overwrite: bool, as_json: bool
 ) -> int:
-    """Run all settings in turn, print them, the best first; return the exit code."""
+    """Run all settings, print their ranking, and return the exit code."""
     results: list[TrialResult] = []
     for number, setting in enumerate(settings, 1):
         print_notes(f"setting {number} of {len(settings)}: {setting.name}")
@@ -329,8 +332,8 @@ def _run_settings(
 def print_results(
     request: RunRequest, results: Rows, as_json: bool, show_all: bool
 ) -> None:
-    """Print ranks, verdict, failures and the next command; or all tables, or JSON."""
-    # A trial that failed by no fault of its planner says nothing about it.
+    """Print a run's rankings, conclusion and failures, or its JSON; show_all adds tables."""
+    # A trial that failed through no fault of its planner says nothing about it.
     scored: Rows = []
     notes: list[str] = []
     if any(row.is_scored for row in results):
@@ -366,25 +369,25 @@ def print_results(
 
 
 def conclude(summary: RunSummary, *, show_all: bool) -> str:
-    """Return the verdict on the planners of a run, or that it has too few worlds.
+    """Return what a run shows about its planners: "" for one, a note for few worlds.
 
     Args:
-        summary: The run; without a rival there is no verdict.
-        show_all: Whether to say how sure it is as well.
+        summary: The run.
+        show_all: Whether to say as well how sure the conclusion is.
     """
     if len(summary.planners) == 1:
         return ""
     worlds = summary.ranking.worlds
     if worlds < FEWEST_WORLDS:
         return (
-            f"{count_noun(worlds, 'world')}: too few to compare planners (at least"
-            f" {FEWEST_WORLDS}, better 20)"
+            f"{count_noun(worlds, 'world')}: too few to compare planners; run at least"
+            f" {FEWEST_WORLDS}, or better 20"
         )
     return summary.verdict if show_all else summary.conclusion.short
 
 
 def _title(request: RunRequest) -> str:
-    """Return planners, protocol and mode of a run, as the title of its table."""
+    """Return the title of a run's table: planners, protocol and mode."""
     config = request.config
     names = ", ".join(spelling(planner.name) for planner in config.planners)
     return f"{names}, {config.protocol.name} protocol, {config.mode} mode"
@@ -418,19 +421,22 @@ _DEMO_PERCENTAGES = (5, 40, 70)
 
 
 @click.command("demo")
-@dataset_option(help="Data set that the three worlds are from.")
+@dataset_option(help="Data set to take the three worlds from.")
 @click.option(
-    "--mode", type=click.Choice(MODES), default="ros", help="One process or ROS nodes."
+    "--mode",
+    type=click.Choice(MODES),
+    default="ros",
+    help="One process (direct) or ROS nodes (ros).",
 )
-@folder_option("--out", default="out/demo", help="Results.")
+@folder_option("--out", default="out/demo", help="Folder for the results.")
 @json_option
 def demo(dataset: str, mode: Any, out: Path, as_json: bool) -> int:
-    """Drive an easy, a medium and a harder world under DWA with the challenge's protocol, and show the scores.
+    """Drive an easy, a medium and a harder world with DWA under the challenge protocol, and show the scores.
 
-    Simulator, planner and evaluator are three ROS 2 nodes in processes of their own.
+    Simulator, planner and evaluator are three ROS 2 nodes, each in its own process.
     Earlier results in the folder are replaced.
     """
-    # By place in the order, since a data set need not be numbered from 0.
+    # By place in the order, because a data set need not be numbered from 0.
     numbers = open_dataset(dataset).world_numbers
     worlds = ",".join(
         str(numbers[len(numbers) * percentage // 100])

@@ -1,4 +1,4 @@
-"""`barn show`: worlds as pictures, or trials drawn over one."""
+"""`barn show`: draw worlds, or trials over a world."""
 
 from pathlib import Path
 
@@ -23,11 +23,11 @@ _RUN = RunConfig()
 
 @click.command("show")
 @click.argument("worlds", metavar="WORLDS")
-@dataset_option(help="Data set that numbers are looked up in.")
+@dataset_option(help="Data set that has the worlds.")
 @file_option(
     "--out",
-    help="Picture (.png), of trials also .svg or .pdf, of a world that moves also .gif"
-    " [default: named after WORLDS].",
+    help="File to write: .png; for trials also .svg or .pdf; for a world with moving"
+    " obstacles also .gif [default: a name from WORLDS].",
 )
 @courses_option
 @field_option(_RUN, "routes")
@@ -35,12 +35,12 @@ _RUN = RunConfig()
 @path_option(
     "--trials",
     multiple=True,
-    help="Draw the trials of this folder in it; repeatable.",
+    help="Draw the trials of this folder over the world; repeatable.",
 )
 @click.option(
     "--by",
     type=click.Choice(("planner", "speed")),
-    help="What trials are colored by [default: planner].",
+    help="What the color of a trial shows [default: planner].",
 )
 @click.option(
     "--planners",
@@ -66,9 +66,9 @@ def command(
     """Draw a world, several worlds on one sheet, or trials over a world.
 
     WORLDS are numbers in the data set, such as 120, 0:300:60 or all, or a file or
-    folder of worlds. Start, goal and path are the world's own, else the challenge's for
-    the Jackal. Moving obstacles are drawn at time 0, with their
-    tracks and arrows along them.
+    folder of worlds. Start, goal and path are the world's own, or else those of protocol
+    challenge for the Jackal. Moving obstacles are drawn where they start, with arrows
+    along their tracks.
     """
     if trials:
         if not worlds.isdecimal():
@@ -86,7 +86,7 @@ def command(
         print_notes(path)
         return
 
-    # Without trials these options would be ignored in silence.
+    # Without trials these options have no effect, which the user must know.
     for option, value in (("by", by), ("planners", planners), ("outcome", outcome)):
         if value:
             raise click.UsageError(f"--{option} needs --trials")

@@ -1,4 +1,4 @@
-"""`barn reproduce`, `bench` and `info`: the suite itself."""
+"""`barn reproduce`, `bench` and `info`: results, speed and state of the suite."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -30,35 +30,37 @@ from barn_eval.studies.reproduction.findings import ReproduceConfig
 @path_argument("folders", nargs=-1)
 @flag_option(
     "--physical",
-    help="Instead, draw the difficulty measured in FOLDERS over what the model predicts"
+    help="Plot the difficulty measured in FOLDERS over the model's prediction instead"
     " (Fig. 8).",
 )
 @flag_option(
     "--quick",
-    help="Use some of the worlds, spread over their difficulty; takes minutes.",
+    help="Use only some worlds, from easy to difficult; this takes minutes.",
 )
 @folder_option(
     "--out",
-    help="Folder of trials and page [default: out/results, out/results_quick or"
+    help="Folder for trials and page [default: out/results, out/results_quick or"
     " out/physical].",
 )
-@parameters_option("--set", "settings", "What is run", ReproduceConfig())
+@parameters_option("--set", "settings", "Setting of the trials", ReproduceConfig())
 @click.option(
     "--workers",
     type=click.IntRange(0),
     default=0,
     show_default=False,
-    help="Trials at a time [default: one per processor].",
+    help="Trials to run at a time [default: one per processor].",
 )
-@folder_option("--docs", help="Write the page into this folder as well.")
+@folder_option("--docs", help="Folder to write the page to as well.")
 def reproduce(folders: tuple[Path, ...], physical: bool, **options: Any) -> None:
     """Run the paper's 3000 trials and write a page of the results.
 
-    OUT/results.md has Table II, times, failures, Fig. 6 and losses beside the published
-    numbers, OUT/results.json every number. The same command resumes in OUT/campaign.
+    OUT/results.md shows Table II, times, failures, Fig. 6 and losses beside the published
+    numbers; OUT/results.json has every number. The same command resumes the run in
+    OUT/campaign.
 
     With --physical, FOLDERS hold trials of a robot or another simulator, as `barn
-    judge` writes them; folders of this simulator in the same worlds stand beside them.
+    judge` writes them. You can add folders of this simulator's trials in the same worlds
+    for comparison.
     """
     if physical != bool(folders):
         raise click.UsageError("--physical takes FOLDERS, and FOLDERS take --physical")
@@ -74,21 +76,22 @@ def reproduce(folders: tuple[Path, ...], physical: bool, **options: Any) -> None
     "--planners",
     type=PLANNER,
     default="dwa,eband",
-    help="Planners to measure, joined by commas.",
+    help="Planners to measure, separated by commas.",
 )
-@parameters_option("--set", "settings", "What is measured", suite.BenchSetup())
+@parameters_option(
+    "--set", "settings", "Setting of the measurement", suite.BenchSetup()
+)
 @file_option(
     "--against",
-    help="Earlier result of --json from this machine: print the ratio of each figure"
-    " to it.",
+    help="Earlier --json output from this machine; print each figure's ratio to it.",
 )
 @json_option
 def bench(
     planners: str, settings: dict[str, Any], against: Path | None, as_json: bool
 ) -> None:
-    """Measure the speed of the suite on this machine, as ratios that can be followed over time.
+    """Measure the speed of the suite on this machine, or its ratio to an earlier measurement.
 
-    With --against, figures that are worse by more than their noise are called slower.
+    With --against, a figure that is worse by more than its noise is marked as slower.
     """
     earlier_figures = read_figures(against) if against is not None else []
     # Empty names stay, so that they are refused.
@@ -140,14 +143,14 @@ def bench(
 @click.command("info")
 @json_option
 def info(as_json: bool) -> None:
-    """Show what is installed, which ROS there is, and which optional parts are off and why."""
+    """Show what is installed, which ROS is found, and which optional parts are off and why."""
     content = suite.info()
     # The full hash does not fit a terminal; --json has it. What follows a plus says
     # that files differ from the commit.
     commit, plus, changes_text = content["commit"].partition("+")
     versions = [
         *content["versions"].items(),
-        ("commit", commit[:12] + plus + changes_text or "not known"),
+        ("commit", commit[:12] + plus + changes_text or "unknown"),
     ]
 
     parts = [

@@ -26,16 +26,16 @@ Column = Sequence[str]
 class FittedTable:
     """A table for any width.
 
-    If it is too wide, cells are wrapped at words, so that limits go below their
-    estimates. If it is still too wide, columns move to a second table below.
+    In a narrow terminal, cells are wrapped between words, so that limits go below their
+    estimates. If that is not enough, columns move to a second table below.
     """
 
     columns: tuple[Column, ...]
 
-    # Whether each column is aligned to the right.
+    # Of each column, whether it is aligned to the right.
     right: tuple[bool, ...]
 
-    # Number of first columns that each part repeats.
+    # Number of leading columns that each part repeats.
     keys: int
 
     title: str
@@ -44,7 +44,7 @@ class FittedTable:
     def __rich_console__(
         self, console: Console, options: ConsoleOptions
     ) -> RenderResult:
-        """Yield title, table or tables, and caption."""
+        """Yield title, one or more tables that fit the width, and caption, for rich."""
         if self.title:
             yield Text(self.title, style="italic")
         for places in self._divide(options.max_width):
@@ -53,7 +53,7 @@ class FittedTable:
             yield Text(self.caption, style="dim italic")
 
     def _render(self, places: Sequence[int], width: int) -> Table:
-        """Return a rich table of the columns at these places, in this width."""
+        """Return a rich table of the columns at `places`, wrapped to `width` characters."""
         rendered = Table(
             header_style="bold",
             box=SIMPLE_HEAD,
@@ -65,20 +65,20 @@ class FittedTable:
             justify: JustifyMethod = "left"
             if self.right[place]:
                 justify = "right"
-            # Widths are already fitted: rich must not break words of its own accord.
+            # Cells are already wrapped; rich must not break words.
             rendered.add_column(Text(column[0]), justify=justify, no_wrap=True)
         for cells in list(zip(*columns, strict=True))[1:]:
             rendered.add_row(*map(Text, cells))
         return rendered
 
     def _divide(self, width: int) -> Iterator[list[int]]:
-        """Yield the columns' places, without the keys, of each table that fits."""
+        """Yield, for each table that fits `width`, its columns' places besides the keys."""
         min_widths = [_min_width(column) for column in self.columns]
         places: list[int] = []
         for place in range(self.keys, len(self.columns)):
             part = [*range(self.keys), *places, place]
             total = _total_width([min_widths[member] for member in part])
-            # A table has one column besides the keys, even if it is too wide.
+            # A table has at least one column besides the keys, even if too wide.
             if places and total > width:
                 yield places
                 places = []
@@ -93,7 +93,7 @@ def table(
     title: str = "",
     caption: str = "",
 ) -> FittedTable:
-    """Return a table for the terminal whose first column is its key; texts are plain.
+    """Return a table for the terminal whose parts all repeat the first column.
 
     Args:
         columns: Headings; a '>' in front aligns a column to the right.
@@ -114,7 +114,7 @@ def table(
 
 
 def rich_table(content: TextTable) -> FittedTable:
-    """Return a table of results as one that fits itself to the terminal."""
+    """Return a `TextTable` as a table that adapts to the terminal's width."""
     return FittedTable(
         tuple(zip(content.columns, *content.rows, strict=True)),
         tuple(place >= content.texts for place in range(len(content.columns))),
@@ -127,7 +127,7 @@ def rich_table(content: TextTable) -> FittedTable:
 def quantities_table(
     config: object, title: str, excluded: Iterable[str] = ()
 ) -> FittedTable:
-    """Return a table of name, value, unit and meaning of a configuration's quantities.
+    """Return a table with name, value, unit and meaning of each field of a configuration.
 
     Args:
         config: The configuration.
@@ -142,10 +142,7 @@ def quantities_table(
 
 
 def value_text(value: object) -> str:
-    """Return a value as text: floats with five digits, tuples joined by commas.
-
-    A value that a robot does not have, None, is "-".
-    """
+    """Return a value as text: a float with five digits, a tuple with commas, None as -."""
     if value is None:
         return "-"
     if isinstance(value, tuple):
@@ -160,22 +157,21 @@ def value_text(value: object) -> str:
 
 
 def decimals_text(value: object) -> str:
-    """Return a float as text with two decimals, any other value as it is."""
+    """Return a float with two decimals, any other value as its str."""
     return f"{value:.2f}" if isinstance(value, float) else str(value)
 
 
 def _fit(columns: Sequence[Column], width: int) -> list[Column]:
-    """Return columns wrapped to a total width in characters, the widest narrowed first.
+    """Return columns wrapped so that a table fits `width` characters, if it can.
 
-    They stay wider if not even broken words fit.
+    The widest column is narrowed first. Words are broken only if nothing else fits.
     """
     fitted = [
         _wrap(column, max(_longest_word(column[0]), _width(column[1:])))
         for column in columns
     ]
     min_widths = [_min_width(column) for column in columns]
-    # One space at a time, so that the columns end up about as wide as each other.
-    # Wrapped cells have lines of their own below each other.
+    # By one character at a time, so that the columns end up about equally wide.
     while _total_width([_width(column) for column in fitted]) > width:
         widths = [_width(column) for column in fitted]
         wide_places = []
@@ -194,12 +190,12 @@ def _fit(columns: Sequence[Column], width: int) -> list[Column]:
 
 
 def _min_width(column: Column) -> int:
-    """Return the longest word of a column and its heading, in characters."""
+    """Return the length of the longest word in a column, heading included."""
     return max(map(_longest_word, column))
 
 
 def _width(texts: Column) -> int:
-    """Return the longest line of texts, in characters; 1 without any text."""
+    """Return the length of the longest line of all texts, or 1 if there are none."""
     lines: list[str] = []
     for text in texts:
         lines += text.split("\n")
@@ -212,7 +208,7 @@ def _total_width(widths: Sequence[int]) -> int:
 
 
 def _join_words(text: str) -> str:
-    """Return text with no-break spaces within brackets and before a star."""
+    """Return text with no-break spaces after commas in brackets and before a star."""
     joined = re.sub(
         r"\[[^]]*\]", lambda limits: limits[0].replace(", ", f",{_NO_BREAK}"), text
     )
@@ -220,12 +216,12 @@ def _join_words(text: str) -> str:
 
 
 def _longest_word(text: str) -> int:
-    """Return the longest part of a text that is not broken, in characters."""
+    """Return the length of a text's longest part that must not be broken."""
     return max(map(len, re.split("[ \n]", _join_words(text))))
 
 
 def _wrap(column: Column, width: int) -> Column:
-    """Return a column in lines of so many characters; only longer words are broken."""
+    """Return a column's texts wrapped to `width`; only longer words are broken."""
     # Hyphens are part of names and of negative numbers.
     wrapper = textwrap.TextWrapper(max(width, 1), break_on_hyphens=False)
     # Cells may have line breaks of their own, which stay.

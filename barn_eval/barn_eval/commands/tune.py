@@ -1,4 +1,4 @@
-"""`barn tune`: parameters of a planner tuned in some worlds and judged in others."""
+"""`barn tune`: tune a planner's parameters in some worlds, judge them in others."""
 
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
@@ -33,27 +33,28 @@ if TYPE_CHECKING:
 @count_option(
     "--settings",
     default=30,
-    help="Settings to try, the default among them.",
+    help="Number of settings to try, including the default.",
 )
 @click.option("--worlds", default="0:300:10", help="Worlds to tune in.")
 @click.option(
-    "--unseen", help="Worlds to judge the best in [default: up to 100 others]."
+    "--unseen",
+    help="Worlds to judge the best settings in [default: up to 100 others].",
 )
 @click.option(
     "--planner-command",
-    help="Starts a planner of your own, with the --params-file that is tuned.",
+    help="Command that starts a planner of your own; its --params-file is tuned.",
 )
 @click.option(
     "--by",
     default="",
     show_default=False,
-    help="Measures, such as challenge,min_clearance_m.",
+    help="Measures to optimize, such as challenge,min_clearance_m.",
 )
 @run_option
 @folder_option(
     "--out",
     default="out/tune",
-    help="Folder of all trials; the same command resumes.",
+    help="Folder for all trials; the same command resumes there.",
 )
 @json_option
 def command(
@@ -65,13 +66,13 @@ def command(
     as_json: bool,
     **options: Any,
 ) -> int:
-    """Tune parameters over RANGES: a YAML file, or those of dwa, eband, gap, mppi, nav2_rpp, nav2_dwb or nav2_mppi.
+    """Tune parameters within RANGES: a YAML file, or dwa, eband, gap, mppi, nav2_rpp, nav2_dwb or nav2_mppi.
 
-    Settings are chosen in some worlds, and the best is compared with the default in
-    others. With several measures, this keeps the Pareto-optimal settings. Parameter
-    files go to OUT.
+    Settings are selected in some worlds, and the best is compared with the default in
+    others. With several measures, all Pareto-optimal settings are kept. Parameter files
+    are written to OUT.
     """
-    # Asked first, so that a missing extra does not look like a bad option.
+    # First, so that a missing module does not look like a wrong option.
     if find_spec("optuna") is None:
         raise ConfigError("barn tune needs Optuna: make extras, or pip install optuna")
     # Optuna is an optional extra.
@@ -87,13 +88,13 @@ def command(
     settings_text = count_noun(tuning.settings, "setting")
     title = f"{settings_text} in {count_noun(tuning.worlds, 'world')}"
     if tuning.given_up:
-        title += f", {tuning.given_up} of them given up early"
+        title += f", {tuning.given_up} of them stopped early"
     if not tuning.tuned:
-        console.print(f"{title}: none is better there than the default")
+        console.print(f"{title}: none is better than the default")
         return 0
     console.print(_settings_table(tuning, title))
     console.print(
-        f"In {count_noun(tuning.unseen, 'world')} that no setting was chosen by:"
+        f"In {count_noun(tuning.unseen, 'world')} that the tuning did not use:"
     )
     for setting in tuning.tuned:
         console.print(setting.verdict)
@@ -124,7 +125,7 @@ def _settings_table(tuning: "Tuning", title: str) -> FittedTable:
         headings,
         rows,
         title=title,
-        caption="Means of these worlds flatter what was chosen by them.",
+        caption="Settings were selected in these worlds, so these means flatter them.",
     )
 
 

@@ -1,4 +1,4 @@
-"""`barn watch`: a page of a run that updates itself, and a live view of its trials."""
+"""`barn watch`: serve a page on a run's progress, and a live view of its trials."""
 
 import os
 import subprocess
@@ -32,10 +32,12 @@ _LOOK_PERIOD_S = 0.5
     "--port",
     default=PAGE_PORT,
     type=_PORTS,
-    help="Port of the page; 0 takes a free one.",
+    help="Port of the page; 0 selects a free one.",
 )
 @click.option(
-    "--host", default=LOOPBACK, help="Address to serve on; others than loopback see it."
+    "--host",
+    default=LOOPBACK,
+    help="Address to serve on; any but loopback lets other machines see the page.",
 )
 @click.option(
     "--live",
@@ -43,18 +45,18 @@ _LOOK_PERIOD_S = 0.5
     flag_value=LIVE_PORT,
     type=_PORTS,
     metavar="[PORT]",
-    help="Serve the trial that is being recorded to Foxglove as well [default port:"
+    help="Also serve the trial that is being recorded to Foxglove [default port:"
     f" {LIVE_PORT}].",
 )
 @flag_option("--wait", help="Wait until the folder exists.")
 def command(folder: Path, port: int, host: str, live: int | None, wait: bool) -> None:
-    """Serve a page that shows how the run in FOLDER stands, until Ctrl-C.
+    """Serve a page on the state of the run in FOLDER, until Ctrl-C.
 
-    It shows progress, who leads, failures, and a replay of each bag on request. The page
-    only reads files, so the run may be finished, or be on another machine that shares the
-    folder. The live view needs bags and foxglove-sdk.
+    The page shows progress, the ranking so far, failures and, on request, a replay of
+    each bag. It only reads files, so the run may be finished, or run on another machine
+    that shares the folder. The live view needs bags and foxglove-sdk.
     """
-    # It is never set: waiting for it leaves the thread to Ctrl-C.
+    # Never set: waiting for it lets Ctrl-C end this thread.
     forever = threading.Event()
     with ExitStack() as servers:
         if live is not None:
@@ -67,13 +69,13 @@ def command(folder: Path, port: int, host: str, live: int | None, wait: bool) ->
         while wait and not (folder / RUN_FILE).is_file():
             forever.wait(_LOOK_PERIOD_S)
         page = servers.enter_context(PageServer(folder, host=host, port=port))
-        print_notes(f"{page.url} shows {folder}; Ctrl-C ends it")
+        print_notes(f"{page.url} shows {folder}; press Ctrl-C to end")
         forever.wait()
 
 
 @contextmanager
 def serve_view(folder: Path, bags: str) -> Iterator[None]:
-    """Serve page and live view of a run from a child process during the context.
+    """Run a child process that serves a run's page and live view during the context.
 
     Args:
         folder: Folder of the run, which need not exist yet.
@@ -84,9 +86,9 @@ def serve_view(folder: Path, bags: str) -> Iterator[None]:
     """
     if bags == "none":
         raise ConfigError(
-            "--view needs bags, which it reads: --bags all or --bags failed, got none"
+            "--view reads bags and needs --bags all or --bags failed, got none"
         )
-    # Before the process starts: its failure would not stop the run.
+    # Checked here, because a failure of the process would not stop the run.
     require_sdk()
     module = "barn_eval.commands.watch"
     words = [sys.executable, "-m", module, str(folder), "--live", "--wait"]
@@ -101,8 +103,8 @@ def serve_view(folder: Path, bags: str) -> Iterator[None]:
 
 
 def _end_with_parent() -> None:
-    """Wait until the parent's pipe at standard input closes, then end at once."""
-    # The pipe closes with the process that started this one, even if that is killed.
+    """Wait until standard input closes, then end this process with exit code 0."""
+    # The pipe closes when the parent process ends, even if it is killed.
     sys.stdin.read()
     os._exit(0)
 

@@ -37,11 +37,11 @@ def command() -> None:
     "--seed",
     default=2020,
     type=click.IntRange(0, 2**62),
-    help="Seed of everything random.",
+    help="Seed of all random numbers.",
 )
 @count_option("--per-set", default=25, help="Worlds per parameter set.")
 @parameters_option(
-    "--set", "parameters", "One parameter set of your own", WorldParameters()
+    "--set", "parameters", "Parameter of a set of your own", WorldParameters()
 )
 @robot_option
 @click.option(
@@ -49,7 +49,7 @@ def command() -> None:
     default=0,
     show_default=False,
     type=click.IntRange(0),
-    help="Number of worlds to keep, from wide to narrow [default: all].",
+    help="Number of worlds to keep, evenly spread from wide to narrow [default: all].",
 )
 def generate(
     target: Path,
@@ -59,9 +59,9 @@ def generate(
     robot: str,
     keep: int,
 ) -> None:
-    """Generate a data set: TARGET.npz, or a folder in the original layout.
+    """Generate a data set and write it to TARGET, an .npz file or a folder in the original layout.
 
-    Without --set the twelve parameter sets of the paper's Table I are used.
+    Without --set, the twelve parameter sets of the paper's Table I are used.
     """
     with progress_bar("worlds") as progress:
         generated = worlds.generate(
@@ -83,21 +83,21 @@ def generate(
     "--format",
     "form",
     type=click.Choice(FORMATS),
-    help="Format to write [default: npz for TARGET.npz, else original].",
+    help="Format to write [default: npz for TARGET.npz, otherwise original].",
 )
 @worlds_option
 @robot_option
 def convert(
     source: str, target: Path, form: Form | None, select: str, robot: str
 ) -> None:
-    """Read worlds of any known format and write them for the suite or other programs.
+    """Read worlds in any known format and write them for the suite or other programs.
 
     npz is a data set in one file; original is the layout of the original data set. sdf
     (current Gazebo), sdf_classic (Gazebo Classic), map (map_server's pgm and yaml),
-    yaml and png write a file per world into the folder TARGET.
+    yaml and png write a file per world to the folder TARGET.
     """
     if form is None:
-        # As `generate` decides it.
+        # The same rule as in `generate`.
         form = "npz" if target.suffix == ".npz" else "original"
     converted = worlds.load(source, select, robot=robot)
     path = worlds.save(converted, target, form)
@@ -144,13 +144,13 @@ def show_list(source: str | None, select: str, as_json: bool) -> None:
 @click.option(
     "--formula",
     default="corrected",
-    help="Formulas: corrected, published (give the numbers in print) or paper_text (as"
-    " the text has them).",
+    help="Formulas: corrected, published (which give the printed numbers) or paper_text"
+    " (as the paper's text states them).",
 )
 @click.option(
     "--robot",
     type=ROBOT,
-    help="Robot whose C-space and path are measured, a name or a YAML file [default:"
+    help="Name or YAML file of the robot whose C-space and path are measured [default:"
     " the worlds' own].",
 )
 @json_option
@@ -159,8 +159,8 @@ def metrics(
 ) -> None:
     """Compute the five difficulty metrics of the worlds of SOURCE and their summary, as in the paper's Table II.
 
-    They order worlds better than the learned difficulty under protocol challenge, and
-    less well under paper2020.
+    The metrics order worlds better than the learned difficulty does under protocol
+    challenge, but worse under paper2020.
     """
     content = worlds.metrics_table(source, select, formula, robot=robot or "")
     headings, rows = content.summary_cells()

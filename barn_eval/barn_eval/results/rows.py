@@ -102,7 +102,7 @@ class RowFile:
                 rows = RowTable.of(map(parser.parse, texts, places))
             for where, trial_id in zip(places, rows.column("trial_id"), strict=True):
                 if trial_id in trial_ids:
-                    raise ConfigError(f"{where}: trial {trial_id} is there already")
+                    raise ConfigError(f"{where}: trial {trial_id} is listed twice")
                 trial_ids.add(trial_id)
             tables.append(rows)
         return RowTable.join(tables)

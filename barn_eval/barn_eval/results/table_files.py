@@ -59,7 +59,7 @@ def read_table_file(path: Path) -> list[TrialResult]:
             repetition = _whole_number(where, "repetition", trial["repetition"])
         trial_id = format_trial_id(planner, world, repetition)
         if trial_id in rows:
-            raise ConfigError(f"{where}: trial {trial_id} is there already")
+            raise ConfigError(f"{where}: trial {trial_id} is listed twice")
         rows[trial_id] = _make_row(where, path, trial, trial_id, world, repetition)
     if not rows:
         raise ConfigError(f"{path}: holds no trials")

@@ -1,1 +1,1 @@
-"""Studies that drive trials: tuning, A/B tests, speed, and the reproduced paper."""
+"""Studies that drive trials: tuning, A/B tests, speed, and the paper's results."""

@@ -1,4 +1,4 @@
-"""A/B tests: whether HEAD is better than BASE, driven until that is clear.
+"""A/B tests: drive HEAD and BASE until it is clear whether HEAD is better.
 
 Each side is a build, a command or a setting of a planner.
 """
@@ -37,31 +37,31 @@ _SETUP_FILES = ("install/setup.bash", "setup.bash", "local_setup.bash")
 _DECISIONS = {
     "better": "HEAD is better than BASE",
     "worse": "HEAD is worse than BASE",
-    "futile": "no difference is clear, and none would hardly become so",
-    "open": "no difference is clear",
+    "futile": "no difference is significant, and more worlds are unlikely to show one",
+    "open": "no difference is significant",
 }
 
 
 @dataclass(frozen=True)
 class AbResult:
-    """What trials say of HEAD against BASE."""
+    """The decision between HEAD and BASE, with the trials that led to it."""
 
-    # HEAD is "better" or "worse". "futile": stopped, as neither is likely to come out
-    # any more. "open": the plan was driven to its end.
+    # HEAD is "better" or "worse". "futile": stopped because neither is likely to be
+    # shown. "open": all planned worlds were driven without a decision.
     decision: Decision
-    # Number of worlds that it took, of those planned.
+    # Number of worlds that were driven, and planned.
     worlds: int
     planned: int
-    # BASE and HEAD as the user named them, and their folders, which name the content.
+    # BASE and HEAD as the user typed them, and their folders, named by content.
     sides: tuple[str, str]
     folders: tuple[Path, Path]
-    # HEAD (a) with BASE (b).
+    # HEAD (a) compared with BASE (b).
     comparison: Comparison
     # Scored rows of both.
     results: Rows
 
     def markdown(self) -> str:
-        """Return the result as Markdown for a pull request; posts nothing."""
+        """Return the result as Markdown for a pull request."""
         return render("ab.md", result=self, measures=MEASURES, decisions=_DECISIONS)
 
 
@@ -81,15 +81,15 @@ def ab(
             "dwa,dwa.path_weight=0.6"; or a command.
         head: The other side, likewise.
         command: Starts the planner of a workspace or parameter file; may be empty.
-        options: Options of the runs, as `read_request` takes them. Each side has a
-            folder of its own below `out`.
+        options: Options of the runs, as `read_request` takes them. Each side has its
+            own folder below `out`.
         reporter: Receives notices and progress.
 
     Returns:
         The decision and the comparison.
 
     Raises:
-        BarnError: For what the user has to change, or if a trial fails by no fault of
+        BarnError: If an option or a side is wrong, or a trial fails through no fault of
             its planner.
     """
     sides = (
@@ -97,17 +97,17 @@ def ab(
         read_side(head, base, command, options),
     )
     configs = [side.config for side in sides]
-    # Equal sides would be driven to the end of the plan for nothing.
+    # No test can separate equal sides.
     fingerprints = {
         config.resolve_planner(config.planners[0]).planner_config for config in configs
     }
     if len(fingerprints) == 1:
         raise ConfigError(
-            f"BASE and HEAD are the same, {format_value(base)}: neither settings nor"
-            " files differ"
+            f"BASE and HEAD are the same, {format_value(base)}: their settings and files"
+            " do not differ"
         )
 
-    # The first fifth must be like the rest, or the first look would mislead.
+    # The first look would mislead if its worlds were not like the rest.
     worlds = order_worlds_fairly(spec.world_number for spec in sides[0].trials())
     looks = plan_looks(len(worlds))
     with ExitStack() as stack:
@@ -151,24 +151,24 @@ def ab(
 def read_side(
     text: str, base: str, command: str, options: Mapping[str, object]
 ) -> RunRequest:
-    """Return the request of a side's run, in a folder of its own; drives nothing.
+    """Return the request of a side's run, in a folder named after its content.
 
     Args:
         text: The side, as `ab` takes it.
-        base: Text of BASE. Planners that commands start have its name on both sides,
-            so that their seeds are equal.
+        base: Text of BASE. A planner that a command starts is named after BASE on both
+            sides, so that their seeds are equal.
         command: Starts the planner of a workspace or parameter file.
         options: Options of the run.
 
     Raises:
-        ConfigError: If the text is no side.
+        ConfigError: If the text is not a side, or names several planners.
     """
     path = Path(text)
     is_yaml = path.suffix in (".yaml", ".yml")
-    # A copy, since both sides begin with the same options.
+    # A copy, because both sides start from the same options.
     run_options = dict[str, Any](options)
     run_file: Path | None = None
-    # Content of a workspace, which the command alone does not tell.
+    # Content of a workspace, which the command alone does not determine.
     workspace_hashes: dict[str, str] = {}
     planner_name = ""
     if command:
@@ -205,7 +205,7 @@ def read_side(
     planner, *others = request.config.planners
     if others:
         count = 1 + len(others)
-        raise ConfigError(f"{format_value(text)}: must be one planner, got {count}")
+        raise ConfigError(f"{format_value(text)}: must name one planner, got {count}")
     if workspace_hashes:
         files = workspace_hashes | hash_command_files(split_command(command))
         planners = (replace(planner, files=files),)
@@ -232,7 +232,7 @@ def _in_workspace(setup: Path, command: str) -> str:
 
 
 def _with_parameter_file(command: str, file: Path) -> str:
-    """Return a command with `--params-file FILE` appended, which overrides others."""
+    """Return a command with `--params-file FILE` appended, which overrides its files."""
     words = split_command(command)
     if "--ros-args" not in words:
         words.append("--ros-args")
@@ -240,9 +240,9 @@ def _with_parameter_file(command: str, file: Path) -> str:
 
 
 def _name_side(request: RunRequest) -> str:
-    """Return PLANNER_HASH, a folder name that changes with all that decides results.
+    """Return the folder name PLANNER_HASH, which changes with anything that may matter.
 
-    The hash is of the configuration and, for planners of the registry, of their code.
+    The hash covers the configuration and, for registered planners, their code.
     """
     planner = request.config.planners[0]
     content = {
@@ -253,7 +253,7 @@ def _name_side(request: RunRequest) -> str:
 
 
 def _hash_code(planner: PlannerChoice) -> dict[str, str]:
-    """Return SHA-256 of the code by package, for the suite and the planner's own."""
+    """Return a hash of the code by package: the suite's packages and the planner's."""
     config_module = planner_entry(planner.entry_name).config_class.__module__
     hashes = {}
     for name in sorted({*SUITE, config_module.partition(".")[0]}):

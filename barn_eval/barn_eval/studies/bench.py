@@ -1,8 +1,8 @@
-"""Speed of the suite on this machine, mostly as ratios that can be followed over time.
+"""Measure the speed of the suite on this machine, mostly as multiples of real time.
 
-Processor time counts, of one process, so other work on the machine changes little; but
-for trials over ROS, which take wall-clock time. Measurements come in rounds, one after
-the other. A figure is the best of its rounds; their range tells how exact it is.
+Figures use the processor time of one process, so other work on the machine changes them
+little; trials over ROS use wall-clock time. All figures are measured once per round. A
+figure is the best of its rounds; their range shows how exact it is.
 """
 
 from __future__ import annotations
@@ -56,9 +56,9 @@ class Measurement:
     name: str
     value: float
     unit: str
-    # Which way is better: "higher" or "lower".
+    # Which values are better: "higher" or "lower".
     better: str = "higher"
-    # Values of all rounds, of which `value` is the best.
+    # Values of all rounds; `value` is the best of them.
     samples: tuple[float, ...] = ()
 
     @property
@@ -70,7 +70,7 @@ class Measurement:
 
 
 def best_of(rounds: Sequence[Measurement]) -> Measurement:
-    """Return the best of measurements of the same figure."""
+    """Return the best of several measurements of a figure, with all their values."""
     values = tuple(measurement.value for measurement in rounds)
     best = max(values) if rounds[0].better == "higher" else min(values)
     return replace(rounds[0], value=best, samples=values)
@@ -78,24 +78,24 @@ def best_of(rounds: Sequence[Measurement]) -> Measurement:
 
 @dataclass(frozen=True)
 class Change:
-    """How many times as good a figure has become."""
+    """How a figure has changed; a ratio above 1 is an improvement."""
 
     name: str
     ratio: float
-    # How much of the ratio may be noise.
+    # Part of the ratio that may be noise.
     noise: float
 
     @property
     def slower(self) -> bool:
-        """Whether it has become worse by more than the noise."""
+        """Whether the figure has become worse by more than the noise."""
         return self.ratio < 1.0 - self.noise
 
 
 def changes(now: Sequence[Measurement], before: Sequence[Measurement]) -> list[Change]:
-    """Compare the figures that two benchmarks have in common.
+    """Return a `Change` for each figure that two benchmarks have in common.
 
     Args:
-        now: Figures of the newer one.
+        now: Figures of the newer benchmark.
         before: Figures of the older one.
 
     Returns:
@@ -110,17 +110,17 @@ def changes(now: Sequence[Measurement], before: Sequence[Measurement]) -> list[C
         ratio = figure.value / base.value
         if figure.better == "lower":
             ratio = base.value / figure.value
-        # Both benchmarks are noisy, independently of each other.
+        # The noises of both benchmarks are independent of each other.
         noise = math.hypot(figure.noise, base.noise)
         compared.append(Change(figure.name, ratio, noise))
     return compared
 
 
 def read_figures(path: Path) -> list[Measurement]:
-    """Return the figures of a file that `barn bench --json` has printed.
+    """Read the figures from a file with the output of `barn bench --json`.
 
     Raises:
-        ConfigError: If the file has another content.
+        ConfigError: If the file has other content.
     """
     try:
         figures = read_json(path)["figures"]
@@ -138,12 +138,12 @@ def read_figures(path: Path) -> list[Measurement]:
 class BenchSetup(Checked):
     """What `bench` measures."""
 
-    dataset: str = quantity("barn300", "data set that the world is from")
+    dataset: str = quantity("barn300", "data set that has the world")
     world: int = quantity(
-        -1, "world of the trials, -1 for the one in the middle", "", -1, 1_000_000_000
+        -1, "world of the trials; -1: the middle one", "", -1, 1_000_000_000
     )
-    repeats: int = quantity(3, "rounds, of which the best counts", "", 1, 100)
-    ros: bool = quantity(True, "a trial over ROS is measured, if rclpy is installed")
+    repeats: int = quantity(3, "number of rounds; the best counts", "", 1, 100)
+    ros: bool = quantity(True, "measure a trial over ROS if rclpy is installed")
 
 
 def bench(
@@ -152,23 +152,21 @@ def bench(
     *,
     note: Callable[[str], None] = lambda _: None,
 ) -> Iterator[Measurement]:
-    """Yield figures of the suite's speed on this machine, each the best of some rounds.
-
-    None is yielded before the last round ends.
+    """Measure the suite's speed in rounds, then yield each figure, the best of its rounds.
 
     Args:
         planners: Planners to measure.
         settings: Fields of `BenchSetup`.
-        note: Gets a line about each measurement of each round.
+        note: Called with a line about each measurement of each round.
 
     Raises:
-        BarnError: A planner or a setting is not known.
+        BarnError: If a planner or a setting is unknown.
     """
     for name in planners:
         planner_config(name)
     setup = replace_dotted(BenchSetup(), settings or {}, "settings")
 
-    # All figures once a round: a slow minute of the machine hits each of them once.
+    # A round measures all figures, so a slow minute of the machine affects each once.
     rounds = []
     for number in range(1, setup.repeats + 1):
         figures = []
@@ -182,7 +180,7 @@ def bench(
 
 
 def _measure_all(setup: BenchSetup, planners: Sequence[str]) -> Iterator[Measurement]:
-    """Yield every measurement once."""
+    """Measure every figure once and yield it; optional parts only if installed."""
     world = setup.world
     if world < 0:
         world_numbers = open_dataset(setup.dataset).world_numbers
@@ -203,9 +201,9 @@ def _measure_all(setup: BenchSetup, planners: Sequence[str]) -> Iterator[Measure
 
 
 def _measure_direct(spec: TrialSpec) -> Iterator[Measurement]:
-    """Measure trials without and with a bag, and cycles of the planner without one."""
+    """Yield figures of direct trials without and with a bag, and of planner cycles."""
     planner = spec.planner
-    # The first trial compiles and loads what the second has.
+    # The first trial compiles and loads what the second one uses.
     trials = [_run_direct(spec) for _ in range(2)]
     factor = max(factor for _, factor in trials)
     yield Measurement(f"direct trial, {planner}", factor, _REAL_TIME)
@@ -222,7 +220,7 @@ def _measure_direct(spec: TrialSpec) -> Iterator[Measurement]:
 def _run_direct(
     spec: TrialSpec, recorder: Recorder | None = None
 ) -> tuple[WallClock, float]:
-    """Return a trial's times, and simulated seconds per second of the processor."""
+    """Drive a trial; return (its wall-clock figures, simulated s per processor s)."""
     start_s = time.process_time()
     result = run_direct_trial(spec, recorder).result
     processor_s = time.process_time() - start_s
@@ -230,7 +228,7 @@ def _run_direct(
 
 
 def _measure_simulator(spec: TrialSpec) -> Iterator[Measurement]:
-    """Measure the simulator alone while it drives in a circle at the start."""
+    """Yield the simulator's speed, static and movable obstacles, driving in a circle."""
     for name, movable in (("static", False), ("movable", True)):
         obstacles = replace(spec.simulator.obstacles, movable=movable)
         config = replace(spec.simulator, obstacles=obstacles)
@@ -241,13 +239,14 @@ def _measure_simulator(spec: TrialSpec) -> Iterator[Measurement]:
 
 
 def _drive_in_circle(simulator: Simulator) -> None:
+    """Step a simulator through 200 control periods at 0.3 m/s and 1 rad/s."""
     for _ in range(_SIMULATOR_CYCLES):
         simulator.step(Velocity2D(0.3, 1.0))
 
 
 def _measure_environments(dataset: str) -> Iterator[Measurement]:
-    """Measure the learning environment and a batch, new episodes included."""
-    # These need Gymnasium, which is optional.
+    """Yield steps per second of the learning environment, single and as a batch."""
+    # Gymnasium is optional.
     from barn_eval.learning.environment import (  # noqa: PLC0415
         JackalEnv,
         JackalVectorEnv,
@@ -268,7 +267,7 @@ def _measure_environments(dataset: str) -> Iterator[Measurement]:
 
         with closing(JackalVectorEnv(_BATCH, config)) as environments:
             environments.reset(seed=0)
-            # Until most worlds are loaded and enough physics clients have started.
+            # Warm up until most worlds are loaded and physics clients have started.
             for action in actions[:_BATCH_WARM_UP_STEPS]:
                 environments.step(action)
             processor_s = _time(
@@ -280,7 +279,7 @@ def _measure_environments(dataset: str) -> Iterator[Measurement]:
 
 
 def _act(environment: JackalEnv, actions: Floats) -> None:
-    """Do the actions, in as many episodes as it takes."""
+    """Step an environment through all actions, resetting it after each episode."""
     environment.reset(seed=0)
     for action in actions:
         _, _, terminated, truncated, _ = environment.step(action)
@@ -289,8 +288,8 @@ def _act(environment: JackalEnv, actions: Floats) -> None:
 
 
 def _measure_ros(run: RunConfig) -> Measurement:
-    """Measure a trial over ROS in lockstep: three processes, bag included."""
-    # Its processes need rclpy.
+    """Return the better real-time factor of two ROS trials in lockstep with bags."""
+    # Only here: it needs rclpy.
     from barn_eval.ros.supervision.supervisor import run_ros_trials  # noqa: PLC0415
 
     ros_run = replace(run, mode="ros", repetitions=2)
@@ -303,6 +302,6 @@ def _measure_ros(run: RunConfig) -> Measurement:
 
 
 def _time(work: Callable[[], object]) -> float:
-    """Return the processor time of work in seconds, after one run to warm up."""
+    """Call `work` twice; return the processor time of the second call [s]."""
     work()
     return timeit.timeit(work, time.process_time, number=1)

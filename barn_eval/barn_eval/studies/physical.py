@@ -1,7 +1,7 @@
-"""Fig. 8 of the paper: difficulty measured outside over what the model predicts.
+"""Fig. 8 of the paper: measured difficulty over the difficulty that the model predicts.
 
-It takes results folders of any robot or simulator, such as `barn judge` writes. Folders
-of the suite's own simulator in the same worlds stand beside them.
+Results may be of any robot or simulator, as `barn judge` writes them. Folders of the
+suite's own simulator in the same worlds may be added for comparison.
 """
 
 import json
@@ -44,10 +44,10 @@ from barn_worlds.worlds.world import World
 
 SCHEMA_VERSION = 1
 FEWEST_WORLDS = 4
-# Numbers of worlds for which the width of the interval is foretold.
+# Numbers of worlds for which the width of the interval is predicted.
 _PLANNED_WORLDS = (5, 10, 20, 40, 80)
 
-# Rows by checksum of their world, as one number may mean other worlds elsewhere.
+# Rows by checksum of their world, because data sets share numbers but not worlds.
 _RowsByWorld = dict[str, list[TrialResult]]
 
 
@@ -59,15 +59,14 @@ class WorldDifficulty:
     checksum: str
     trials: int
     predicted_s_per_m: float
-    # Of what trials in a new world give around the prediction.
+    # Standard deviation of trials in a new world around the prediction.
     predicted_std_s_per_m: float
-    # Mean over planners, and of each planner's trials.
+    # Mean over planners, and the mean of each planner's trials.
     measured_s_per_m: float
     planners_s_per_m: dict[str, float]
-    # Variance of the mean that comes from the noise of its trials; None without
-    # repetitions.
+    # Variance of the mean due to the noise of its trials; None without repetitions.
     noise_variance: float | None
-    # The same planners in the suite's own simulator; None without their trials.
+    # Of the same planners in the suite's own simulator; None without their trials.
     simulated_s_per_m: float | None
 
 
@@ -87,26 +86,26 @@ class PhysicalFinding:
     planners: tuple[str, ...]
     trials: int
     failures: int
-    # From easy to difficult as predicted.
+    # From easy to difficult by prediction.
     worlds: tuple[WorldDifficulty, ...]
     line: Line
     # Of simulated over measured difficulty; None without enough simulated worlds.
     simulated_line: Line | None
-    # By number of worlds: half the width of the slope's interval to expect.
+    # Expected half-width of the slope's interval, by number of worlds.
     half_widths: dict[int, float]
-    # Share of the scatter about the line that comes from the noise of trials; None
-    # without repetitions.
+    # Share of the scatter about the line due to the noise of trials; None without
+    # repetitions.
     noise_share: float | None
     notes: tuple[str, ...]
     schema_version: int = SCHEMA_VERSION
 
 
 def fit_line(x: Floats, y: Floats) -> Line:
-    """Fit y = intercept + slope * x, with 95 % intervals over the points.
+    """Fit y = intercept + slope * x and return both with 95 % intervals.
 
-    The standard error is the larger of the ordinary one and HC3, which holds where the
-    scatter grows with x; limits take Student's t with n - 2 degrees of freedom. A test
-    simulates the coverage.
+    The standard error is the larger of the ordinary one and HC3, which allows for
+    scatter that grows with x. Limits use Student's t with n - 2 degrees of freedom. A
+    test simulates the coverage.
 
     Args:
         x: Predicted difficulty (n,), not all equal.
@@ -116,11 +115,13 @@ def fit_line(x: Floats, y: Floats) -> Line:
         The line.
 
     Raises:
-        ConfigError: There are fewer than three points, or all x are equal.
+        ConfigError: If there are fewer than three points, or all x are equal.
     """
     points = len(x)
     if points < 3 or np.ptp(x) == 0.0:
-        raise ConfigError("a line needs at least three worlds of different difficulty")
+        raise ConfigError(
+            "a line needs at least three worlds that differ in difficulty"
+        )
     design = np.column_stack([np.ones(points), x])
     inverse = np.linalg.inv(design.T @ design)
     coefficients = inverse @ design.T @ y
@@ -128,7 +129,7 @@ def fit_line(x: Floats, y: Floats) -> Line:
     ordinary = inverse * (residuals @ residuals) / (points - 2)
 
     leverages = np.einsum("ij,jk,ik->i", design, inverse, design)
-    # A point that carries the line alone has leverage 1 and no residual.
+    # A point that alone determines the line has leverage 1 and no residual.
     weights = residuals / np.maximum(1.0 - leverages, 1e-9)
     meat = (design.T * weights**2) @ design
     robust = inverse @ meat @ inverse
@@ -145,18 +146,15 @@ def fit_line(x: Floats, y: Floats) -> Line:
 
 
 def measure_difficulty(folders: Sequence[Path]) -> PhysicalFinding:
-    """Compare measured with predicted difficulty, world by world.
+    """Compare measured with predicted difficulty by world; return the finding.
 
     Args:
         folders: Results of one robot or simulator; folders of the suite's own
             simulator, if there are others, count as simulated.
 
-    Returns:
-        The finding.
-
     Raises:
-        ConfigError: The folders do not go together, or too few worlds are known.
-        BarnError: A folder cannot be read.
+        ConfigError: If the folders do not go together, or have too few worlds.
+        BarnError: If a folder cannot be read.
     """
     sources = [read_source(folder) for folder in folders]
     observed = [source for source in sources if source.system.is_observed]
@@ -164,7 +162,7 @@ def measure_difficulty(folders: Sequence[Path]) -> PhysicalFinding:
     notes: list[str] = []
     if not observed:
         notes.append(
-            "All trials are of the suite's own simulator; nothing was measured outside."
+            "All trials are from the suite's own simulator; none were measured outside."
         )
         observed = simulated
         simulated = []
@@ -207,7 +205,7 @@ def _conclude(
     worlds: Sequence[WorldDifficulty],
     notes: Sequence[str],
 ) -> PhysicalFinding:
-    """Return the finding from the worlds' difficulties."""
+    """Fit lines through the worlds' difficulties and return the finding."""
     predicted = np.array([world.predicted_s_per_m for world in worlds])
     measured = np.array([world.measured_s_per_m for world in worlds])
     line = fit_line(predicted, measured)
@@ -235,7 +233,7 @@ def _conclude(
 
 
 def _foretell_half_widths(line: Line, worlds: int) -> dict[int, float]:
-    """Return half widths of the slope's interval for other numbers of like worlds."""
+    """Return the slope's expected half-width for several numbers of similar worlds."""
     assert line.slope.high is not None
     half_width = line.slope.high - line.slope.estimate
     error_of_one = half_width / _student_quantile(worlds) * math.sqrt(worlds)
@@ -248,7 +246,7 @@ def _foretell_half_widths(line: Line, worlds: int) -> dict[int, float]:
 
 
 def _noise_share(line: Line, worlds: Sequence[WorldDifficulty]) -> float | None:
-    """Return the share of the scatter about the line that is the noise of trials."""
+    """Return the share of scatter due to trials' noise; None if noise is unknown."""
     noises = []
     residuals = []
     for world in worlds:
@@ -264,17 +262,20 @@ def _noise_share(line: Line, worlds: Sequence[WorldDifficulty]) -> float | None:
 
 
 def _student_quantile(points: int) -> float:
-    """Return Student's t that a line's 95 % interval takes for a number of points."""
+    """Return the 97.5 % quantile of Student's t for a line through that many points."""
     return float(stdtrit(points - 2, 0.5 + 0.5 * LEVEL))
 
 
 def _rows_by_world(sources: Iterable[Source]) -> _RowsByWorld:
-    """Return scored rows by checksum of their world; those of unknown worlds are left out."""
+    """Return scored rows by their world's checksum; rows without one are left out.
+
+    Rows of teleoperated reference drives are left out as well.
+    """
     groups: _RowsByWorld = {}
     for source in sources:
         for row in source.results:
             is_known = row.scores.normalised_time_s_per_m is not None
-            # A teleoperated drive is a reference, and no planner's.
+            # A teleoperated drive is a reference, not one of a planner.
             is_known &= row.planner != CONVENTIONS["finals"].reference
             if row.world_checksum and is_known:
                 groups.setdefault(row.world_checksum, []).append(row)
@@ -282,7 +283,7 @@ def _rows_by_world(sources: Iterable[Source]) -> _RowsByWorld:
 
 
 def _read_known_worlds(sources: Sequence[Source], notes: list[str]) -> dict[str, World]:
-    """Return worlds by checksum; note those that cannot be read."""
+    """Return the readable worlds by checksum; append a note per unreadable one."""
     worlds = {}
     read = read_worlds((row, source) for source in sources for row in source.results)
     for checksum, world in read.items():
@@ -300,7 +301,7 @@ def _measure_world(
     simulated_rows: Sequence[TrialResult],
     notes: list[str],
 ) -> WorldDifficulty | None:
-    """Return a world's difficulty, or None with a note where it cannot count."""
+    """Return a world's difficulty; if it is left out, append a note and return None."""
     number = rows[0].world
     groups = group_by_planner(rows)
     missing = [planner for planner in planners if planner not in groups]
@@ -346,7 +347,7 @@ def _measure_world(
 
 
 def _times_s_per_m(rows: Iterable[TrialResult]) -> Floats:
-    """Return the times per meter of path as scored (n,), failures included."""
+    """Return the scored times per meter of path [s/m] (n,), including failures."""
     return np.array([row.scores.normalised_time_s_per_m for row in rows], dtype=float)
 
 
@@ -354,11 +355,11 @@ def write_finding(finding: PhysicalFinding, folder: Path) -> Path:
     """Write physical.md, physical.json and figures/physical.png; return the page's path.
 
     Args:
-        finding: What was found.
-        folder: Where to write; it is made if missing.
+        finding: The finding.
+        folder: Folder to write to; created if missing.
 
     Raises:
-        StoreError: A file cannot be written.
+        StoreError: If a file cannot be written.
     """
     (folder / "figures").mkdir(parents=True, exist_ok=True)
     with style():
@@ -374,10 +375,10 @@ def write_finding(finding: PhysicalFinding, folder: Path) -> Path:
 
 
 def draw_finding(finding: PhysicalFinding) -> Figure:
-    """Draw measured over predicted difficulty, with each planner's means and the line.
+    """Return a figure of each planner's measured over predicted difficulty, with the line.
 
     Args:
-        finding: What was found.
+        finding: The finding.
     """
     figure = new_figure(4.6)
     axes = figure.subplots()

@@ -1,9 +1,9 @@
-"""Where the obstacles of a built course stand, by the scans of a drive through it.
+"""Locate the obstacles of a built course from the scans of a drive through it.
 
 Poses of the lidar and centers of cylinders are adjusted together until the returns of
 all scans lie on the cylinders (a bundle adjustment by Gauss-Newton steps). Odometry
-only says where to begin. Scans alone do not say where the course as a whole lies: that
-is fixed by the true poses of the bag or, without any, by the plan.
+only gives the initial poses. Scans alone do not show where the course as a whole lies:
+the true poses of the bag or, without them, the plan fix it.
 """
 
 from dataclasses import dataclass, replace
@@ -19,24 +19,24 @@ from barn_worlds.base.errors import BagError
 from barn_worlds.base.types import Pose2D, Scan
 from barn_worlds.worlds.world import World
 
-# A scan counts once the robot has moved or turned so far since the last one that does.
+# A scan is used if the robot has moved or turned this far since the last used scan.
 _STEP_M = 0.08
 _STEP_RAD = 0.1
 _MOST_SCANS = 300
 _FARTHEST_M = 8.0
 
-# How far from a cylinder its returns may lie, step by step.
+# Largest distance of a return from its cylinder, step by step.
 _FIRST_GATES_M = (0.10, 0.10, 0.07, 0.07, 0.05, 0.05)
 _GATES_M = (0.06, 0.06, 0.05, 0.05, 0.04, 0.04, 0.04, 0.04)
-# How far they must lie from any other one, and the least cosine of the angle at which
-# a ray meets the surface: where it grazes, it may belong to what stands behind.
+# Least distance of a return from any other cylinder, and the least cosine of the angle
+# at which a ray meets the surface: a grazing ray may hit an obstacle behind.
 _OTHER_M = 0.03
 _LEAST_SLANT = 0.35
 _LEAST_RETURNS = 20
 _LEAST_SHARE = 0.9
 
 # Within these limits, positions are good to 3 mm. Beyond the second one, returns may
-# count for a neighbor.
+# be assigned to a neighbor.
 _LARGEST_ERROR_MM = 1.0
 _FARTHEST_MM = 50.0
 
@@ -47,31 +47,31 @@ class Survey:
 
     world: World  # as planned
     centers_m: Points
-    errors_m: Floats  # standard error of each position among the others
+    errors_m: Floats  # standard error of each position relative to the others
     returns: Integers
-    # What fixes the course as a whole.
+    # What fixes the course as a whole: "plan" or "true poses".
     datum: str
 
     def table(self) -> pd.DataFrame:
-        """Return place, offset, error, returns and doubt of each, a row per cylinder."""
+        """Return a row per cylinder: place, offset, error, returns, why it is unsure."""
         x_m, y_m = self.world.planned_m.T
         dx_mm, dy_mm = 1000.0 * (self.centers_m - self.world.planned_m).T
         table = pd.DataFrame({"x_m": x_m, "y_m": y_m, "dx_mm": dx_mm, "dy_mm": dy_mm})
         table["off_mm"] = np.hypot(dx_mm, dy_mm)
         table["error_mm"] = 1000.0 * self.errors_m
         table["returns"] = self.returns
-        # The last reason that holds counts.
+        # The last reason that applies is kept.
         table["unsure"] = ""
         for reason, is_unsure in (
             ("seen too little", table.error_mm > _LARGEST_ERROR_MM),
-            ("too far off to be told from its neighbors", table.off_mm > _FARTHEST_MM),
+            ("too far off to identify", table.off_mm > _FARTHEST_MM),
             ("not seen", table.returns == 0),
         ):
             table.loc[is_unsure, "unsure"] = reason
         return table
 
     def built_world(self) -> World:
-        """Return the world as built; what is unsure stands as planned."""
+        """Return the world as built, with unsure cylinders placed as planned."""
         is_unsure = self.table()[["unsure"]].to_numpy() != ""
         built_m = np.where(is_unsure, self.world.planned_m, self.centers_m)
         return replace(self.world, built_m=built_m)
@@ -80,14 +80,14 @@ class Survey:
 def survey_course(
     trial: RecordedTrial, world: World, start: Pose2D, tolerance_m: float
 ) -> Survey:
-    """Return where the cylinders of a course stand, by a drive's scans.
+    """Locate the cylinders of a built course from a drive's scans; return a `Survey`.
 
     Args:
         trial: The drive, with odometry and scans.
         world: The plan.
-        start: Pose of base_link in the map frame at the first pose of the drive, where
-            the bag has no true poses.
-        tolerance_m: Standard deviation of misplacements, as expected.
+        start: Pose of base_link in the map frame at the first pose of the drive; used
+            if the bag has no true poses.
+        tolerance_m: Expected standard deviation of misplacements [m].
 
     Raises:
         BagError: If the bag has no scans, or they do not fit the plan.
@@ -99,7 +99,7 @@ def survey_course(
         motions = trial.poses
         start = Pose2D(*motions[0].tolist())
 
-    # First by the plan, scan after scan, so that no error of the odometry adds up.
+    # First fit each scan to the plan, so that errors of the odometry do not add up.
     plan_m = world.planned_m
     poses = np.empty((len(places), 3))
     pose = start @ trial.lidar
@@ -117,7 +117,7 @@ def survey_course(
                 poses[number] -= step
         pose = Pose2D(*poses[number].tolist())
 
-    # Then poses and cylinders together.
+    # Then adjust poses and cylinders together.
     first = poses.size
     centers_m = plan_m.copy()
     noise_m = 0.01
@@ -125,9 +125,9 @@ def survey_course(
         matches, share = _match(returns, poses, centers_m, world, gate_m)
         if share < _LEAST_SHARE:
             raise BagError(
-                f"{trial.name}: its scans do not fit {world.name}: {share:.0%} of"
-                f" returns in it are near an obstacle, {_LEAST_SHARE:.0%} must be; name"
-                " the world it was driven in, and --course if it began elsewhere"
+                f"{trial.name}: its scans do not fit {world.name}: {share:.0%} of the"
+                f" returns in it are near an obstacle, must be {_LEAST_SHARE:.0%}; name"
+                " the world of the drive, and --course if the drive began elsewhere"
             )
         information, gradient = _normal_equations(matches, first, plan_m.size, noise_m)
         prior = tolerance_m**-2
@@ -137,7 +137,7 @@ def survey_course(
         step = np.linalg.solve(information, gradient)
         poses -= step[:first].reshape(-1, 3)
         centers_m -= step[first:].reshape(-1, 2)
-        # The median is that of a normal distribution, however far off some are.
+        # The median resists outliers; 1.4826 makes it a standard deviation.
         noise_m = 1.4826 * float(np.median(np.abs(matches[:, 2] / matches[:, 6])))
 
     datum = "plan"
@@ -155,10 +155,10 @@ def survey_course(
 
 
 def _select_scans(trial: RecordedTrial) -> tuple[Floats, list[int]]:
-    """Return returns (n, 3) of scans that are apart, and the place of each one's pose.
+    """Return (returns (n, 3) of well separated scans, index of each scan's pose).
 
-    A return is the number of its scan, its angle in the lidar's frame and its range.
-    Raises BagError if there are none.
+    A return is the number of its scan, its angle in the lidar's frame [rad] and its
+    range [m]. Raises BagError if there are no scans.
     """
     last = Pose2D(np.inf, np.inf, 0.0)
     chosen: list[tuple[Scan, int]] = []
@@ -171,7 +171,7 @@ def _select_scans(trial: RecordedTrial) -> tuple[Floats, list[int]]:
             chosen.append((item.content, place))
     chosen = chosen[:: 1 + len(chosen) // _MOST_SCANS]
     if not chosen:
-        raise BagError(f"{trial.name}: no scans on /scan to survey by")
+        raise BagError(f"{trial.name}: has no scans on /scan to survey with")
     parts = []
     for number, (scan, _) in enumerate(chosen):
         angles = scan.angles()
@@ -185,12 +185,12 @@ def _select_scans(trial: RecordedTrial) -> tuple[Floats, list[int]]:
 def _match(
     returns: Floats, poses: Floats, centers_m: Points, world: World, gate_m: float
 ) -> tuple[Floats, float]:
-    """Return the returns that can only belong to one cylinder, within a gate.
+    """Return (returns that belong to exactly one cylinder (n, 7), share of returns near).
 
-    Each is a row of seven: scan, cylinder, distance of the surface, normal x and y, by
-    how much a turn of the lidar moves the return off the surface, and the cosine of the
-    angle between ray and normal. Beside them is the share of all returns within the
-    world that are near a cylinder.
+    The columns are scan, cylinder, distance from the surface, normal x and y, how much a
+    turn of the lidar moves the return off the surface, and the cosine of the angle
+    between ray and normal. The share is of returns within the world, near means within
+    the gate.
     """
     scans = returns[:, 0].astype(int)
     angles = poses[scans, 2] + returns[:, 1]
@@ -217,7 +217,7 @@ def _match(
 def _normal_equations(
     matches: Floats, poses: int, centers: int, noise_m: float
 ) -> tuple[Floats, Floats]:
-    """Return information (k, k) and gradient (k,) of numbers of poses, then centers."""
+    """Return information (k, k) and gradient (k,); `poses` unknowns precede `centers`."""
     _, _, errors_m, x, y, levers_m, slants = matches.T
     scans, cylinders = matches[:, :2].astype(int).T
     pose = 3 * scans
@@ -227,18 +227,18 @@ def _normal_equations(
     rows = np.tile(np.arange(len(matches)), 5)
     shape = (len(matches), poses + centers)
     jacobian = csr_matrix((values, (rows, columns)), shape=shape)
-    # Noise is along the ray. What is far off counts less (Cauchy's weights).
+    # Noise is along the ray. Outliers count less (Cauchy's weights).
     deviations_m = noise_m * slants
     weights = deviations_m**-2 / (1.0 + (errors_m / (3.0 * deviations_m)) ** 2)
     weighted = jacobian.multiply(weights[:, None]).tocsr()
     information = (jacobian.T @ weighted).toarray()
-    # A pose that nothing is seen from stays where it is.
+    # A pose without matched returns stays where it is.
     information[range(poses), range(poses)] += 1e-3
     return information, weighted.T @ errors_m
 
 
 def _fit(points_m: Points, targets_m: Points) -> Pose2D:
-    """Return the rigid motion that brings points (n, 2) next to targets (n, 2)."""
+    """Return the rigid motion that best fits points (n, 2) to targets (n, 2)."""
     center_m = points_m.mean(axis=0)
     target_m = targets_m.mean(axis=0)
     x, y = (points_m - center_m).T
@@ -254,8 +254,8 @@ def _fit(points_m: Points, targets_m: Points) -> Pose2D:
 def _standard_errors(
     covariance: Floats, centers_m: Points, returns: Integers
 ) -> Floats:
-    """Return the larger standard error (n,) of each center among those that are seen."""
-    # Shift and turn of the whole course are the datum's, so they are projected out.
+    """Return each center's standard error (n,) relative to the seen ones, worst axis."""
+    # The datum fixes shift and turn of the whole course, so they are projected out.
     x, y = centers_m.T
     motions = np.zeros((len(covariance), 3))
     motions[0::2, 0] = 1.0

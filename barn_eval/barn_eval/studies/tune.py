@@ -1,4 +1,4 @@
-"""Tuning: Optuna chooses parameters in some worlds, and others judge them."""
+"""Tuning: Optuna selects parameters in some worlds; they are judged in others."""
 
 import json
 import warnings
@@ -42,32 +42,32 @@ from barn_worlds.datasets.dataset import select_worlds
 Range = CategoricalDistribution | IntDistribution | FloatDistribution
 RANGES_FOLDER = Path(__file__).parents[1] / "data" / "ranges"
 _FILE_KEYS = {"schema_version", "parameters", "planner"}
-_STEP = 5  # worlds, after each of which a setting may be given up
+_STEP = 5  # worlds; after each step a setting may be stopped
 _MAX_UNSEEN = 100
 _MAX_FRONT = 5
-# Attribute of a setting that was given up: the number of worlds that it drove in.
+# Attribute of a setting that was stopped early: the number of worlds that it drove in.
 _GIVEN_UP = "given up after"
 _DIRECTIONS = {"larger": StudyDirection.MAXIMIZE, "smaller": StudyDirection.MINIMIZE}
 
 
 @dataclass(frozen=True)
 class Ranges:
-    """What parameters may be."""
+    """Allowed values of parameters."""
 
-    # By the names of parameters.
+    # By name of the parameter.
     parameters: Mapping[str, Range]
-    # Whose parameters they are; empty for a planner that a command starts.
+    # Planner of the suite that has them; empty for one that a command starts.
     planner: str
 
     @classmethod
     def read(cls, name: str) -> "Ranges":
-        """Read ranges from a YAML file's path, or the suite's by name without ending.
+        """Read ranges from a YAML file, or from a file of the suite by planner's name.
 
-        A range has choices; or low and high, both whole numbers or not, and log: true
-        if it is drawn evenly over the logarithm.
+        A range has choices, or low and high (whole numbers or not) and, to draw evenly
+        over the logarithm, log: true.
 
         Raises:
-            ConfigError: If there are no such ranges.
+            ConfigError: If there is no such file, or its content is wrong.
         """
         path = Path(name)
         if path.suffix not in (".yaml", ".yml"):
@@ -83,8 +83,8 @@ class Ranges:
         ranges = content.get("parameters")
         if not isinstance(ranges, dict) or not ranges or content.keys() - _FILE_KEYS:
             raise ConfigError(
-                f"{path}: must list parameters with their ranges, and may name a planner;"
-                " no other key is allowed"
+                f"{path}: must have parameters with their ranges, may have a planner;"
+                " other keys are not allowed"
             )
         parameters = {
             key: _parse_range(content, f"{path}: {key}")
@@ -94,7 +94,7 @@ class Ranges:
 
 
 def _parse_range(content: dict[str, Any], subject: str) -> Range:
-    """Return the Optuna distribution of a YAML range; ConfigError for a wrong one."""
+    """Return the Optuna distribution of a YAML range; ConfigError if it is wrong."""
     try:
         if "choices" in content:
             return CategoricalDistribution(**content)
@@ -103,38 +103,38 @@ def _parse_range(content: dict[str, Any], subject: str) -> Range:
         return FloatDistribution(**content)
     except (TypeError, ValueError, KeyError):
         raise ConfigError(
-            f"{subject}: must be low < high and perhaps log, or choices, got"
+            f"{subject}: must have low < high and optionally log, or choices, got"
             f" {format_value(content)}"
         ) from None
 
 
 @dataclass(frozen=True)
 class Tuned:
-    """A setting worth keeping."""
+    """A setting worth keeping, compared with the default."""
 
     # Number of the setting; 0 is the default.
     number: int
     values: Mapping[str, Any]
-    # Means by measure in the worlds that it was chosen in.
+    # Means by measure in the worlds that it was selected in.
     seen: Mapping[str, float]
-    # The setting (a) against the default (b) in other worlds, and what that says.
+    # The setting (a) compared with the default (b) in other worlds, and the conclusion.
     unseen: Comparison
     verdict: str
-    # Its parameters, ready to use.
+    # Files with its parameters.
     files: Sequence[Path]
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """The outcome of a tuning."""
+    """The result of a tuning."""
 
-    # Number of settings, and of those that were given up early.
+    # Number of settings, and of those that were stopped early.
     settings: int
     given_up: int
-    # Values of the default, and its means where settings are chosen.
+    # Values of the default, and its means in the worlds that settings are selected in.
     default: Mapping[str, Any]
     default_seen: Mapping[str, float]
-    # Number of worlds in which settings are chosen and judged.
+    # Number of worlds that settings are selected in, and judged in.
     worlds: int
     unseen: int
     tuned: Sequence[Tuned]
@@ -150,25 +150,25 @@ def tune(
 ) -> Tuning:
     """Drive settings that Optuna draws, then judge the best ones in other worlds.
 
-    Everything stays in the folder `options["out"]`, and is not driven again.
+    All results are kept in the folder `options["out"]`, so the same call resumes there.
 
     Args:
-        ranges: What parameters may be.
+        ranges: Allowed values of parameters.
         options: Options of the run, as `read_request` takes them.
-        unseen: Worlds to judge in; up to a hundred of the others by default.
-        by: Measures to choose by; the protocol's ranking measure by default. With
+        unseen: Worlds to judge in. Default: up to a hundred of the other worlds.
+        by: Measures to select by. Default: the protocol's ranking measure. With
             several, the settings of their Pareto front are judged.
-        settings: Number of settings, the default included.
+        settings: Number of settings, including the default.
         reporter: Receives a line about each setting.
 
     Returns:
-        The settings worth keeping.
+        The settings worth keeping, and the counts of settings and worlds.
 
     Raises:
-        BarnError: For what the user has to change.
+        BarnError: If an option is wrong, or the folder holds another tuning.
     """
     tuner = Tuner(ranges, options, by, unseen, reporter)
-    # Before workers start, as the folder may hold another tuning.
+    # Before workers start, because the folder may hold another tuning.
     study = tuner.study
     pool_context: AbstractContextManager[WorkerPool | None] = nullcontext()
     if tuner.base.config.mode == "direct":
@@ -189,7 +189,7 @@ def tune(
 
 
 class Tuner:
-    """Makes, drives and judges settings; the study and run folders keep the results."""
+    """Makes, drives and judges settings; results stay in the study and run folders."""
 
     def __init__(
         self,
@@ -202,12 +202,12 @@ class Tuner:
         """Check ranges, measures and worlds; see `tune` for arguments and errors."""
         self.ranges = ranges.parameters
         self.reporter = reporter
-        # Workers that all runs share in mode direct.
+        # In mode direct, all runs share these workers.
         self.pool: WorkerPool | None = None
         planner: dict[str, Any] = {"mode": "ros"}
         if ranges.planner:
             planner = {"planners": ranges.planner}
-        # The run of the default, in the worlds that settings are chosen in.
+        # The run of the default, in the worlds that settings are selected in.
         self.base = read_request(None, {**options, **planner})
         config = self.base.config
         require_ros(config, reporter)
@@ -216,12 +216,12 @@ class Tuner:
         for key in self.by:
             if not MEASURES[key].better or MEASURES[key].successes_only:
                 raise ConfigError(
-                    f"--by {key}: must be known of every trial, and one way must be"
-                    " better"
+                    f"--by {key}: must be a measure that every trial has and that is"
+                    " better when larger or smaller"
                 )
 
         numbers = self.base.dataset.world_numbers
-        # Settings may be given up after a few worlds, which must be like the rest.
+        # Settings may be stopped after a few worlds, so these must be like the rest.
         self.worlds = order_worlds_fairly(select_worlds(config.worlds, numbers))
         other_worlds = [number for number in numbers if number not in self.worlds]
         if unseen is not None:
@@ -230,7 +230,7 @@ class Tuner:
             self.unseen = _thin(other_worlds, len(other_worlds) / _MAX_UNSEEN)
         if not self.unseen or not set(self.unseen) <= set(other_worlds):
             raise ConfigError(
-                "--unseen: must be worlds, and none that settings are chosen by"
+                "--unseen: must be worlds of the data set that --worlds does not have"
             )
         self.default = self._read_default()
 
@@ -254,11 +254,12 @@ class Tuner:
                     f"ranges: planner {planner.name!r} has no parameter {key!r}"
                     f"{suggest(key, values)}"
                 )
-            # Optuna has no public way to ask; enqueued values are not checked.
+            # Optuna does not check enqueued values, and has no public function for it.
             is_allowed = allowed._contains(allowed.to_internal_repr(values[key]))
             if allowed.single() or not is_allowed:
                 raise ConfigError(
-                    f"ranges: that of {key} must hold the default, {values[key]!r}"
+                    f"ranges: {key} must allow the default, {values[key]!r}, and other"
+                    " values"
                 )
         return {key: values[key] for key in self.ranges}
 
@@ -276,8 +277,8 @@ class Tuner:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
             if len(self.by) == 1:
-                # It compares settings in the worlds that both drove in, as the order is
-                # one for all.
+                # It compares two settings in the worlds that both drove in, because all
+                # have the same order.
                 pruner = optuna.pruners.WilcoxonPruner()
             study = optuna.create_study(
                 storage=f"sqlite:///{self.base.out / 'study.db'}",
@@ -289,7 +290,7 @@ class Tuner:
 
         ranges = {key: distribution_to_json(item) for key, item in self.ranges.items()}
         tuning = {"ranges": ranges, "by": self.by, "unseen": self.unseen}
-        # As JSON has it, which is how the study keeps it.
+        # Through JSON, as the study stores it.
         content = json.loads(json.dumps(as_dict(self.base.config) | tuning))
         earlier = study.user_attrs.get("asked", content)
         difference = identity.first_difference(earlier, content)
@@ -305,21 +306,21 @@ class Tuner:
         return study
 
     def try_settings(self, settings: int) -> None:
-        """Drive settings until the study has so many finished ones, old ones included.
+        """Drive settings until the study has `settings` finished ones; report each.
 
-        An interrupted setting goes first. One that fails for its values counts as
-        finished.
+        An interrupted setting is resumed first. A setting whose values do not go
+        together counts as finished.
         """
         study = self.study
         while True:
             number = sum(trial.state.is_finished() for trial in study.trials)
             if number >= settings:
                 return
-            # Each setting has a sampler of its own, so a study that goes on draws the
-            # same settings as one that was not interrupted.
+            # Each setting has its own sampler, so a resumed study draws the same
+            # settings as one that was not interrupted.
             seed = (self.base.config.seed + number) % 2**32
             study.sampler = optuna.samplers.TPESampler(seed=seed)
-            # A kill leaves the setting running; its folder resumes by itself.
+            # If the process was killed, its setting is still "running"; resume it.
             interrupted = study.get_trials(states=[TrialState.RUNNING])
             if interrupted:
                 trial = Trial(study, interrupted[0]._trial_id)
@@ -338,13 +339,13 @@ class Tuner:
             self.reporter.notify(f"setting {number} of {settings}: {text}")
 
     def _describe(self, trial: Trial, means: Sequence[float]) -> str:
-        """Return a line on a driven setting: its means, or where it was given up."""
+        """Return a line on a driven setting: its means, or why it was stopped early."""
         measures = [MEASURES[key] for key in self.by]
         worlds = trial.user_attrs.get(_GIVEN_UP)
         if worlds:
             gap = measures[0].number(abs(means[0] - self.study.best_value))
             return (
-                f"given up after {worlds} worlds, {measures[0].title} {gap} worse there"
+                f"stopped after {worlds} worlds, with {measures[0].title} {gap} worse"
                 " than the best"
             )
         return ", ".join(
@@ -355,8 +356,8 @@ class Tuner:
     def _try(self, trial: Trial) -> list[float]:
         """Drive a setting until done or clearly worse; return a mean per measure.
 
-        The means of a setting that was given up are estimates for all worlds. Means by
-        world go into the study if there is one measure.
+        The mean of a setting that was stopped early is an estimate for all worlds. With
+        one measure, the study gets the means by world.
         """
         world_means = dict(self.study.trials[trial.number].intermediate_values)
         with self._open_run(self.make_setting(trial, "settings")) as run:
@@ -380,13 +381,14 @@ class Tuner:
         return [float(mean) for mean in values.mean(axis=0)]
 
     def judge(self) -> list[Tuned]:
-        """Drive the best settings and the default in unseen worlds, and compare them.
+        """Drive the best settings and the default in unseen worlds; return comparisons.
 
-        Writes parameter files of the best settings and, with several measures,
+        This writes parameter files of the best settings and, with several measures,
         front.png.
 
         Returns:
-            The best settings, in order of the first measure.
+            The best settings, in the order of the first measure; empty if the default is
+            the best.
         """
         trials = self.study.trials
         front = _front(self.study)
@@ -408,8 +410,7 @@ class Tuner:
             self._draw_front(trials, front)
         if not comparisons:
             return []
-        # The best of several settings is partly luck, which the correction accounts
-        # for.
+        # The best of several settings is partly luck; the correction allows for that.
         adjusted = adjust_by_holm(comparisons)
         tuned = []
         for number, comparison in zip(candidates, adjusted, strict=True):
@@ -422,7 +423,7 @@ class Tuner:
         return tuned
 
     def means(self, trial: FrozenTrial) -> dict[str, float]:
-        """Return a setting's means by measure, in the worlds it was chosen in."""
+        """Return a setting's means by measure, in the worlds it was selected in."""
         return dict(zip(self.by, trial.values, strict=True))
 
     def write_files(self, number: int, setting: Setting, verdict: str) -> list[Path]:
@@ -431,7 +432,7 @@ class Tuner:
         Args:
             number: Number of the setting.
             setting: Its values and parameter files.
-            verdict: What the comparison with the default says.
+            verdict: Conclusion of the comparison with the default.
 
         Returns:
             A file for `barn run`, or the changed parameter files of the command.
@@ -458,7 +459,7 @@ class Tuner:
         return paths
 
     def _draw_front(self, trials: Sequence[FrozenTrial], front: Sequence[int]) -> None:
-        """Write OUT/front.png: settings, Pareto front, default by two measures."""
+        """Write OUT/front.png: all settings by two measures, front and default marked."""
         dominated = []
         for trial in trials:
             if trial.values and trial.number not in (0, *front):
@@ -483,13 +484,13 @@ class Tuner:
     def make_setting(
         self, trial: Trial | FrozenTrial, folder: str, worlds: str = ""
     ) -> Setting:
-        """Return the setting of a trial of the study; drives and writes nothing.
+        """Return the setting of a trial of the study, in its own folder.
 
         Args:
-            trial: Its parameters are rounded to four digits; the first trial is the
-                default as it is.
+            trial: Trial of the study. Its floats are rounded to four digits; the first
+                trial is the unchanged default.
             folder: Folder of settings below that of the tuning.
-            worlds: Worlds, where not those that settings are chosen in.
+            worlds: Worlds. Default: those that settings are selected in.
         """
         base = self.base
         if worlds:
@@ -499,7 +500,7 @@ class Tuner:
             for key, value in trial.params.items():
                 values[key] = value
                 if isinstance(value, float):
-                    # Files are for people, and no planner tells a fifth digit.
+                    # People read the files, and a fifth digit changes no planner.
                     values[key] = float(f"{value:.4g}")
         return make_setting(base, values, f"{folder}/{trial.number:04}")
 
@@ -512,9 +513,10 @@ class Tuner:
 def _extrapolate(
     study: optuna.Study, world_means: Mapping[int, float], worlds: Sequence[int]
 ) -> float:
-    """Estimate the mean over all worlds of a setting that was given up in some.
+    """Estimate the mean over all worlds of a setting that was stopped early.
 
-    It is the best setting's mean plus the difference in the worlds that both drove in.
+    The estimate is the best setting's mean plus the mean difference in the worlds that
+    both drove in.
     """
     best = study.best_trial.intermediate_values
     differences = [world_means[world] - best[world] for world in worlds]
@@ -522,7 +524,7 @@ def _extrapolate(
 
 
 def _front(study: optuna.Study) -> list[int]:
-    """Return numbers of the Pareto-optimal settings; with one measure, of the best."""
+    """Return the numbers of Pareto-optimal settings; with one measure, of the best."""
     if len(study.directions) == 1:
         return [study.best_trial.number]
     best_trials = sorted(study.best_trials, key=lambda trial: trial.values)
@@ -530,5 +532,5 @@ def _front(study: optuna.Study) -> list[int]:
 
 
 def _thin(numbers: Sequence[int], step: float) -> list[int]:
-    """Return every n-th number from the first; n is `step` rounded up, at least 1."""
+    """Return every n-th number, beginning with the first; n is `step` rounded up."""
     return list(numbers[:: ceil(step) or 1])

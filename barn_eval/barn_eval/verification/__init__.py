@@ -1,1 +1,1 @@
-"""Whether results hold: rows computed again, commands driven again, submissions."""
+"""Check whether results hold: recompute rows, drive commands again, verify files."""

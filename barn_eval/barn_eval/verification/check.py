@@ -1,4 +1,4 @@
-"""Whether what is in a results folder belongs together and follows from records."""
+"""Check that the parts of a results folder agree and follow from its recordings."""
 
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -52,31 +52,31 @@ _LIMIT_S = 300.0  # longest time that the check of a trial may take
 
 @dataclass
 class FolderCheck:
-    """What is wrong with a folder, and how much of it was checked."""
+    """Problems of a folder, and how much of it was checked."""
 
-    trials: int = 0  # of the run
+    trials: int = 0  # planned in the run
     rows: int = 0
     tracks: int = 0
     bags: int = 0
     driven: int = 0  # trials whose commands were driven again
     problems: list[str] = field(default_factory=list)  # a line for each
     unchecked: list[str] = field(default_factory=list)  # what could not be checked
-    notes: list[str] = field(default_factory=list)  # what is odd, but nothing wrong
+    notes: list[str] = field(default_factory=list)  # what is unusual but not wrong
 
 
 def check_folder(folder: Path, *, sample: int | None = None) -> FolderCheck:
     """Check the folder of a run, finished or not, and return problems and counts.
 
-    Every row is computed again from what was recorded, and commands are driven again.
-    Nothing in the folder is changed.
+    Every row is recomputed from its recordings, and commands are driven again. The
+    folder is not changed.
 
     Args:
         folder: The folder.
-        sample: Number of trials whose commands are driven again, all by default. Which
-            ones differs each time.
+        sample: Number of trials, drawn at random, whose commands are driven again.
+            Default: all.
 
     Raises:
-        BarnError: The folder's run.json cannot be read.
+        BarnError: If the folder's run.json cannot be read.
     """
     run_file = RunFile.read(folder)
     config = run_file.run_config()
@@ -85,7 +85,7 @@ def check_folder(folder: Path, *, sample: int | None = None) -> FolderCheck:
 
 
 def describe_other_task(run_file: RunFile, config: RunConfig) -> str:
-    """Return a text if run.json describes another task than this version, else "".
+    """Return a problem if run.json's task fingerprint is not this version's, else "".
 
     Args:
         run_file: The folder's run.json.
@@ -95,32 +95,32 @@ def describe_other_task(run_file: RunFile, config: RunConfig) -> str:
     if task == run_file.task_fingerprint:
         return ""
     return (
-        f"{run_file.path}: describes task {run_file.task_fingerprint}, which is {task}"
-        " here"
+        f"{run_file.path}: states task {run_file.task_fingerprint}, but this version"
+        f" computes {task}"
     )
 
 
 class _Checker:
-    """Checks one folder, and collects what is wrong with it."""
+    """Checks one folder and collects its problems."""
 
     def __init__(self, folder: Path, run_file: RunFile, config: RunConfig):
-        """Make the run's trials, reading their worlds; no row is read yet."""
+        """Make the run's trials and read their worlds, but no row yet."""
         self._folder = folder
         self._run_file = run_file
         self._config = config
         self._parser = RowParser(folder)
         self._result = FolderCheck()
         self._specs = {spec.trial_id: spec for spec in self._read_specs()}
-        # The trials of a run have one task. Where an older run.json has another, an
-        # earlier version drove them, which may have had other results. What a row says
-        # of itself does not count.
+        # The trials of a run have one task. If an older run.json has another, an earlier
+        # version drove them, possibly with other results. What a row states about
+        # itself does not count.
         self._other_task = describe_other_task(run_file, config)
         self._is_older = self._other_task != "" and _is_older(run_file)
 
     def check(self, sample: int | None) -> FolderCheck:
-        """Check the whole folder and return the findings; to be called once.
+        """Check the whole folder and return the result; call it only once.
 
-        `sample` is the number of trials driven again, None for all.
+        `sample` is the number of trials to drive again, None for all.
         """
         result = self._result
         result.trials = len(self._specs)
@@ -132,14 +132,14 @@ class _Checker:
         result.tracks = len(tracks)
 
         for path in self._folder.rglob("*"):
-            # What a link leads to can be changed without a trace in the folder.
+            # The target of a link can be changed without a trace in the folder.
             if path.is_symlink() and LOGS not in path.relative_to(self._folder).parts:
-                result.problems.append(f"{path}: is a link")
+                result.problems.append(f"{path}: is a link, which is not allowed")
 
         is_submission = (self._folder / SUBMISSION_FILE).exists()
         if not self._run_file.sessions:
-            result.problems.append(f"{self._run_file.path}: has no session")
-        # Of two planners of one run, one may be the other under a name of its own.
+            result.problems.append(f"{self._run_file.path}: lists no session")
+        # One planner may be in a run twice, under two names.
         self._compare_planners(
             rows, commands, result.problems if is_submission else result.notes
         )
@@ -176,19 +176,21 @@ class _Checker:
                 result.problems += table_problems
             elif table_problems:
                 self._report(
-                    f"{self._folder}: its tables are not those that this version"
-                    " makes of its rows"
+                    f"{self._folder}: the tables differ from those that this version"
+                    " makes from its rows"
                 )
         return result
 
     def _check_bags(self, missing: Sequence[Path]) -> None:
-        """Report missing bags; whoever deletes all of them may do so to save space."""
+        """Add a problem per missing bag or, if there is none at all, one unchecked line."""
+        # A user may delete all bags to save space.
         if missing and not self._result.bags:
-            self._result.unchecked.append(f"{len(missing)} trials: no bag is there")
+            self._result.unchecked.append(f"{len(missing)} trials: have no bag")
             return
         for bag in missing:
             self._result.problems.append(
-                f"{bag}: is missing, bags of {self._config.bags} trials are kept"
+                f"{bag}: is missing, though the run keeps bags of {self._config.bags}"
+                " trials"
             )
 
     def _compare_planners(
@@ -197,7 +199,7 @@ class _Checker:
         commands: Mapping[str, str],
         texts: list[str],
     ) -> None:
-        """Append a text to `texts` for two planners that succeed by equal commands."""
+        """Append to `texts` a line per pair of planners with equal successful commands."""
         trials = []
         for trial_id, line in commands.items():
             if trial_id in rows and rows[trial_id].scores.success:
@@ -210,22 +212,22 @@ class _Checker:
             )
 
     def _read_specs(self) -> list[TrialSpec]:
-        """Return the run's trials, planners unresolved if one is not installed."""
+        """Return the run's trials; without its planners' data if one is not installed."""
         try:
             return self._config.trials()
         except ConfigError as error:
             self._result.unchecked.append(
-                f"parameters and speed caps are as stated: {error}"
+                f"parameters and speed caps were not checked: {error}"
             )
             return self._config.trials(started_by_hand=True)
 
     def _check_task(self) -> None:
-        """Report code versions that never were, and a task that run.json has not."""
+        """Report code versions that never existed, and a task unlike run.json's."""
         run_file = self._run_file
         if not _has_known_versions(run_file):
             self._result.problems.append(
                 f"{run_file.path}: code_versions {format_value(run_file.code_versions)}"
-                f" are of no version up to this one{run_file.origin_note()}"
+                f" belong to no version up to this one{run_file.origin_note()}"
             )
         if self._other_task:
             self._report(self._other_task)
@@ -236,26 +238,26 @@ class _Checker:
             spec.world_number: spec.world.checksum for spec in self._specs.values()
         }
         for number, checksum in checksums.items():
-            # A world that run.json does not name is compared by its rows alone.
+            # A world that run.json does not name is compared with its rows only.
             if self._run_file.worlds.get(str(number), checksum) != checksum:
                 self._report(
-                    f"{self._run_file.path}: world {number} of {self._config.dataset}"
-                    " is not the one it names"
+                    f"{self._run_file.path}: names another world {number} than"
+                    f" {self._config.dataset} has"
                 )
 
     def _read_rows(self) -> dict[str, TrialResult]:
-        """Return rows by trial; report duplicates and rows that are not the trial's."""
+        """Return valid rows by trial; report duplicates and rows unlike their trial."""
         rows: dict[str, TrialResult] = {}
         for where, trial_id, row in self._read(ROWS_FILE, self._parse_row):
             if trial_id in rows:
                 self._result.problems.append(
-                    f"{where}: trial {trial_id} is there already"
+                    f"{where}: trial {trial_id} is listed twice"
                 )
             spec = self._specs[trial_id]
             report = self._result.problems.append
             try:
                 require_row_of_trial(row, spec, self._run_file)
-                # A version may make another world of the same file.
+                # Another version may read the same file as a different world.
                 report = self._report
                 require_world_of_trial(row, spec, self._folder)
             except BarnError as error:
@@ -265,22 +267,23 @@ class _Checker:
         return rows
 
     def _parse_row(self, line: str, where: str) -> tuple[str, TrialResult]:
-        """Return trial name and row of a line without checksum."""
+        """Return (trial name, row) of a line without its checksum."""
         row = self._parser.parse(line, where)
         return row.trial_id, row
 
     def _read_trials(
         self, name: str, parse: Callable[[str, str], tuple[str, T]]
     ) -> dict[str, T]:
-        """Return parsed lines of a .jsonl file by trial, the last of each trial."""
+        """Return the parsed last line of each trial in a .jsonl file, by trial."""
         return {trial_id: content for _, trial_id, content in self._read(name, parse)}
 
     def _read(
         self, name: str, parse: Callable[[str, str], tuple[str, T]]
     ) -> Iterator[tuple[str, str, T]]:
-        """Yield "FILE, line N", trial name and parsed content of each line of a file.
+        """Yield ("FILE, line N", trial name, parsed content) for each line of a file.
 
-        A damaged line, or one of no trial of the run, is reported and left out.
+        Damaged lines, and lines of trials that the run does not have, are reported and
+        left out.
         """
         problems = self._result.problems
         try:
@@ -298,16 +301,15 @@ class _Checker:
             problems.append(str(error))
 
     def _keeps_bag(self, row: TrialResult) -> bool:
-        """Tell whether a trial must have a bag by its row; no file is looked at."""
+        """Tell whether the run keeps a bag of the trial with this row."""
         bags = self._config.bags
         is_kept = bags == "all" or (bags == "failed" and not row.scores.success)
         return is_kept and row.measures.driven_m > 0.0
 
     def _report(self, problem: str) -> None:
-        """Add to `problems`, or to `unchecked` where an earlier version drove the trials.
+        """Add a line to `problems`, or to `unchecked` if an earlier version drove the run.
 
-        Versions may differ in what they compute, so an old row that differs is no
-        forgery.
+        Versions may compute different values, so a different old row is no forgery.
         """
         if self._is_older:
             self._result.unchecked.append(f"{problem}{self._run_file.origin_note()}")
@@ -315,11 +317,11 @@ class _Checker:
             self._result.problems.append(problem)
 
     def _check_trials(self, trials: Sequence[TrialEvidence]) -> None:
-        """Check all trials in parallel and add their problems in trial order."""
+        """Check trials in parallel; add problems, notes and counts in trial order."""
         result = self._result
         unchecked: Counter[str] = Counter()
-        older: list[str] = []  # trials that differ, each with its first difference
-        # Workers end in any order; problems are listed in the order of trials.
+        older: list[str] = []  # a line per different trial, with its first difference
+        # Workers finish in any order; problems are listed in trial order.
         checks = {check.trial_id: check for check in _check_all(trials)}
         for trial in trials:
             trial_id = trial.row.trial_id
@@ -332,8 +334,8 @@ class _Checker:
                 older.append(f"{trial_id}: {check.differences[0]}")
             where = f"{self._folder}: {trial_id}"
             if (trial.row.scores.efficiency or 0.0) > 1.0:
-                # The bound assumes how far tires slide on average.
-                result.notes.append(f"{where}: was faster than the least time")
+                # The bound assumes average slip of the tires.
+                result.notes.append(f"{where}: was faster than the bound")
             result.problems += [f"{where}: {text}" for text in texts]
             if check.bag_problem:
                 result.problems.append(f"{trial.bag}: {check.bag_problem}")
@@ -344,33 +346,33 @@ class _Checker:
         ]
         if older:
             self._report(
-                f"{len(older)} trials: differ from what this version computes, such as"
-                f" {older[0]}"
+                f"{len(older)} trials: differ from what this version computes; the first"
+                f" is {older[0]}"
             )
 
 
 def _is_older(run_file: RunFile) -> bool:
-    """Tell whether an earlier version may have written a run.json."""
+    """Tell whether run.json has versions or a schema of an earlier release."""
     versions = run_file.code_versions
     is_earlier = versions != CODE_VERSIONS or run_file.schema_version < SCHEMA_VERSION
     return is_earlier and _has_known_versions(run_file)
 
 
 def _has_known_versions(run_file: RunFile) -> bool:
-    """Tell whether a run.json has code versions of this version or an earlier one."""
+    """Tell whether run.json's code versions belong to this version or an earlier one."""
     versions = run_file.code_versions
-    # Schema 2 is from before there were any.
+    # Schema 2 had no code versions.
     if not versions:
         return run_file.schema_version == 2
     return all(
-        # True and 1.0 are equal to 1, and are none that the suite writes.
+        # True and 1.0 equal 1, but the suite never writes them.
         type(number) is int and 1 <= number <= CODE_VERSIONS.get(key, 0)
         for key, number in versions.items()
     )
 
 
 def _check_all(trials: Sequence[TrialEvidence]) -> Iterator[TrialCheck]:
-    """Check trials in one process per CPU and yield their checks as they end."""
+    """Check trials, in one process per CPU, and yield their checks as they finish."""
     waiting = deque(trials)
     running = 0
     processes = min(ExecutionConfig().processes, len(trials))
@@ -391,33 +393,33 @@ def _check_all(trials: Sequence[TrialEvidence]) -> Iterator[TrialCheck]:
                         yield _failed_check(report.key, report.reason)
                     case JobRefusal():
                         yield _failed_check(report.key, report.message)
-                    case _:  # of a job that goes on
+                    case _:  # from a job that is still running
                         continue
                 running -= 1
 
 
 def _failed_check(trial_id: str, reason: str) -> TrialCheck:
-    """Return a check with the one problem that it could not be made, and why."""
+    """Return a check whose only problem is why the trial could not be checked."""
     return TrialCheck(trial_id, (f"cannot be checked: {reason}",))
 
 
 def sample_trials(trial_ids: list[str], count: int) -> set[str]:
-    """Return `count` of the names, or all if there are fewer, drawn anew at each call.
+    """Return `count` of the names, or all if fewer, drawn at random at each call.
 
-    Who forges must not know which.
+    A forger must not know which trials are drawn.
     """
     order = np.random.default_rng(randbits(128)).permutation(len(trial_ids))
     return {trial_ids[k] for k in order[:count]}
 
 
 def _name_trial(line: str, where: str) -> tuple[str, str]:
-    """Return the trial name of a line of commands.jsonl, and the line itself."""
+    """Return (trial name, the line itself) for a line of commands.jsonl."""
     trial_id, _ = parse_trial_line(line, where, "commands")
     return trial_id, line
 
 
 def _compare_tables(folder: Path, rows: list[TrialResult]) -> Iterator[str]:
-    """Yield a problem per file, results.parquet and .csv, unlike the rows."""
+    """Yield a problem for results.parquet, .csv, each if missing or unlike the rows."""
     expected = results_table(rows)
     comparisons = {"parquet": _compare_parquet, "csv": _compare_csv}
     for ending, compare in comparisons.items():
@@ -426,8 +428,8 @@ def _compare_tables(folder: Path, rows: list[TrialResult]) -> Iterator[str]:
             problem = compare(read_at_most(path, _LARGEST_TABLE_BYTES), expected)
         except FileNotFoundError:
             problem = (
-                "is missing, though all trials have rows; the same command again writes"
-                " it"
+                "is missing, though all trials have rows; type the command of the run"
+                " again to write it"
             )
         except (OSError, pa.ArrowException, ValueError) as error:
             problem = format_error(error)
@@ -439,21 +441,21 @@ def _compare_parquet(content: bytes, expected: pa.Table) -> str:
     """Return how a Parquet file differs from the table, or ""; raise if unreadable."""
     file = pyarrow.parquet.ParquetFile(pa.BufferReader(content))
 
-    # Before it is read: run lengths let a kilobyte stand for any number of rows.
+    # Before reading, because a kilobyte of run lengths may stand for any number of rows.
     row_count = file.metadata.num_rows
     has_columns = file.schema_arrow.names == expected.column_names
     if row_count != len(expected) or not has_columns:
-        return f"has {row_count} rows or columns that are not those of {ROWS_FILE}"
+        return f"has {row_count} rows, and rows or columns differ from {ROWS_FILE}"
 
     table = file.read(use_threads=False)
     for row, expected_row in zip(table.to_pylist(), expected.to_pylist(), strict=True):
         for name, value in expected_row.items():
             if row[name] != value:
                 trial_id = expected_row["trial_id"]
-                return f"{name} of {trial_id} is not that of its row"
+                return f"{name} of {trial_id} differs from its row"
     return ""
 
 
 def _compare_csv(content: bytes, expected: pa.Table) -> str:
-    """Return a problem unless a CSV file's bytes are those of the table, else ""."""
-    return "" if content == csv_bytes(expected) else "is not the table of its rows"
+    """Return "" if a CSV file's bytes are those of the table, else a problem."""
+    return "" if content == csv_bytes(expected) else f"differs from {ROWS_FILE}"

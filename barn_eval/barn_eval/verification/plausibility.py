@@ -1,4 +1,4 @@
-"""Whether a row can be: values that follow from others or its track, and ranges."""
+"""Check whether a row is plausible: its ranges, and what follows from its track."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -24,10 +24,10 @@ from barn_eval.trials.trajectory import NEAR_CONTACT_M, Trajectory, TrajectoryLo
 from barn_eval.trials.trial import finish_trial
 from barn_worlds.base.config import as_dict
 
-# What other processors may compute otherwise: m, rad, s, and relative.
+# Difference that another processor may cause: in m, rad, s, and relative.
 ROUNDING = 1e-6
 
-# Outcomes that the readings alone decide.
+# Outcomes that follow from the readings alone.
 JUDGED_OUTCOMES = (
     Outcome.SUCCESS,
     Outcome.COLLISION,
@@ -51,18 +51,17 @@ _SIGNED = (
 def recompute_row(
     row: TrialResult, spec: TrialSpec, verdict: Verdict, trajectory: Trajectory
 ) -> TrialResult:
-    """Return a trial's row computed anew from its verdict and trajectory.
+    """Return a trial's row recomputed from its verdict and trajectory.
 
-    Nothing is simulated. Fields that only the planner can say are copied from `row`.
+    Fields that only the planner knows are copied from `row`.
 
     Args:
-        row: The row as it was written, for its schema and for what only the planner
-            can say.
+        row: The row as written. It gives the schema and what only the planner knows.
         spec: The trial.
         verdict: How it ended.
         trajectory: What the robot did.
     """
-    # In one process nobody else sees a trial, so both are empty there.
+    # Both are empty in mode direct.
     messages = {}
     if row.mode == "ros":
         messages = {"planner_verdict": row.planner_verdict, "remarks": row.remarks}
@@ -77,8 +76,8 @@ def recompute_row(
         schema_version=row.schema_version,
         **messages,
     )
-    # Another version may call the same task otherwise; run.json decides which it was.
-    # Only old rows may name none.
+    # Another version may have another fingerprint for the same task; run.json decides.
+    # Only old rows may have none.
     if not row.task and row.schema_version == SCHEMA_VERSION:
         return finished.result
     return replace(finished.result, task=row.task)
@@ -91,13 +90,13 @@ def find_difference(
     tolerance: float = 0.0,
     ignored: tuple[str, ...] = (),
 ) -> Iterator[str]:
-    """Yield at most one text: the first key by which a row and `content` differ.
+    """Yield a text on the first key in which a row differs from `content`, if any.
 
     Args:
-        row: The row as it was written.
-        content: The row that it should be, as `TrialResult.repeatable` has it.
-        place: Where that is from, as the end of the text.
-        tolerance: How far apart numbers count as equal.
+        row: The row as written.
+        content: The expected row, in the form of `TrialResult.repeatable`.
+        place: Where `content` is from; the text ends with it.
+        tolerance: Largest difference at which numbers count as equal.
         ignored: Beginnings of dotted keys that may differ.
     """
     difference = first_difference(row.repeatable(), content, tolerance, ignored)
@@ -108,13 +107,13 @@ def find_difference(
 
 
 def find_rescoring_difference(row: TrialResult, spec: TrialSpec) -> Iterator[str]:
-    """Yield at most one text: the first score of a row that does not follow from it.
+    """Yield a text on the first score that does not follow from the row itself, if any.
 
-    The track is not needed.
+    Measures and motion, which follow from the trajectory, are not compared.
 
     Args:
         row: The row.
-        spec: The trial of its name.
+        spec: The trial with its name.
     """
     scores = row.scores
     measures = row.measures
@@ -134,15 +133,15 @@ def find_rescoring_difference(row: TrialResult, spec: TrialSpec) -> Iterator[str
 
 
 def find_implausible_values(row: TrialResult, spec: TrialSpec) -> Iterator[str]:
-    """Yield problems of a row by itself: numbers and a fault that cannot be.
+    """Yield a problem for each impossible number and for an unknown fault in a row.
 
     Args:
         row: The row.
-        spec: The trial of its name.
+        spec: The trial with its name.
     """
     if row.fault not in ("", PLANNER, SIMULATOR, ENVIRONMENT):
         yield (
-            f"fault is {row.fault!r}, can be {PLANNER}, {SIMULATOR}, {ENVIRONMENT} or"
+            f"fault is {row.fault!r}, must be {PLANNER}, {SIMULATOR}, {ENVIRONMENT} or"
             " empty"
         )
     for key, value in flatten(as_dict(row)):
@@ -150,22 +149,22 @@ def find_implausible_values(row: TrialResult, spec: TrialSpec) -> Iterator[str]:
             continue
         is_signed = key.rpartition(".")[2] in _SIGNED
         if not math.isfinite(value) or (value < 0 and not is_signed):
-            yield f"{key} is {value:g}, can be 0 or more"
+            yield f"{key} is {value:g}, must be 0 or more"
     yield from _find_excess(row, spec)
 
 
 def _find_excess(row: TrialResult, spec: TrialSpec) -> Iterator[str]:
-    """Yield a problem for each number of a row above what others allow."""
+    """Yield a problem for each number of a row that exceeds what other values allow."""
     protocol = spec.scaled_protocol
     values = dict(flatten(as_dict(row)))
     duration_s = row.scores.duration_s
 
     longest_s = protocol.first_motion_limit_s + protocol.limit_s
-    # The clock starts at a look and stops at one, each up to a period late.
+    # The clock starts and stops when the referee looks, each up to a period late.
     longest_s = longest_s + 2.0 * protocol.look_period_s + 1.0
 
     # A moving obstacle may push the robot at any speed.
-    # Slip adds 2 % at the most (`spec.WHEEL_SLIP`), so this has a wide margin.
+    # Slip adds at most 2 % (`spec.WHEEL_SLIP`), so this margin is wide.
     longest_m = 1.2 * spec.simulator.drive.max_speed_m_s * duration_s + 1.0
     if spec.world.moving:
         longest_m = math.inf
@@ -189,34 +188,34 @@ def _find_excess(row: TrialResult, spec: TrialSpec) -> Iterator[str]:
         value = values.get(key) or 0.0
         largest = limit or 0.0
         if value > largest + ROUNDING:
-            yield f"{key} does not fit: {value:g} where {largest:g} is the most"
+            yield f"{key} is {value:g}, must be at most {largest:g}"
 
     speed_mps = row.measures.mean_speed_mps or 0.0
     driven_m = row.measures.driven_m
     if abs(speed_mps * duration_s - driven_m) > ROUNDING:
         yield (
-            f"measures.mean_speed_mps does not fit: {speed_mps:g} where {driven_m:g} m"
-            f" were driven in {duration_s:g} s"
+            f"measures.mean_speed_mps is {speed_mps:g}, but the robot drove"
+            f" {driven_m:g} m in {duration_s:g} s"
         )
 
 
 def compare_with_track(
     row: TrialResult, spec: TrialSpec, track: Track | None
 ) -> Iterator[str]:
-    """Yield contradictions between a row and its track, within the track's rounding.
+    """Yield a problem for each value of a row that contradicts its track.
 
-    Among them are clearance, contacts, driven length, duration and the end. With 5
-    samples a second, not everything can be compared.
+    Compared, within the track's rounding, are clearance, contacts, driven length,
+    duration, sums and the end. Five samples a second do not show everything.
 
     Args:
         row: The row.
-        spec: The trial of its name.
-        track: The track, None without one.
+        spec: The trial with its name.
+        track: The track, or None if there is none.
     """
     measures = row.measures
     if track is None:
         if measures.driven_m > 0.0 or row.outcome in JUDGED_OUTCOMES:
-            yield f"has no track, though it drove {measures.driven_m:.2f} m"
+            yield f"has no track, though the robot drove {measures.driven_m:.2f} m"
         return
 
     step = dict(zip(CHANNELS, track.steps.tolist(), strict=True))
@@ -229,43 +228,44 @@ def compare_with_track(
         # The smallest clearance of a track is that of all readings, rounded.
         if error_m > step["clearance"]:
             yield (
-                f"came as near as {nearest_m:.3f} m by its track, {stated_m:.3f} m by"
-                " its row"
+                f"smallest clearance is {nearest_m:.3f} m in the track, {stated_m:.3f} m"
+                " in the row"
             )
     if bool(track.contact.any()) != bool(measures.contacts):
-        yield f"has {measures.contacts} contacts by its row, by its track not so"
+        yield f"has {measures.contacts} contacts in the row; the track disagrees"
 
     dx, dy, _ = np.diff(poses, axis=0).T
-    # The way between two samples may be longer than straight, but not shorter.
+    # The way between two samples cannot be shorter than a straight line.
     chords_m = np.hypot(dx, dy).sum()
     if chords_m > measures.driven_m + 2.0 * step["x"] * len(poses):
         yield (
-            f"drove {chords_m:.2f} m by its track, {measures.driven_m:.2f} m by its row"
+            f"drove {chords_m:.2f} m in the track, {measures.driven_m:.2f} m in the row"
         )
     end_s = track.samples[-1, 0]
     duration_s = row.scores.duration_s
     if abs(end_s - duration_s) > step["time"]:
-        yield f"lasted {end_s:.2f} s by its track, {duration_s:.2f} s by its row"
+        yield f"lasted {end_s:.2f} s in the track, {duration_s:.2f} s in the row"
 
     yield from _compare_sums(row, track)
 
-    # By scans, clearances do not follow from poses.
+    # Clearances measured by scans do not follow from poses.
     gaps = np.empty(0)
     if row.observed is None or row.observed.clearance_by == "world":
         gaps = spec.clearances(poses)
     # Steps of x, y and yaw move an outline whose points lie up to a meter from
     # base_link.
     rounding_m = 3.0 * step["x"] + step["yaw"] + step["clearance"]
-    # A sample has the least since the one before, so at most that of its own pose.
+    # A sample has the least clearance since the previous one, so it cannot exceed that
+    # at its own pose.
     if len(gaps) and (clearance - gaps).max() > rounding_m:
-        yield "was farther from obstacles by its track than its poses are in its world"
+        yield "has larger clearances in the track than its poses have in the world"
     yield from _compare_ends(row, spec, track)
 
 
 def _compare_sums(row: TrialResult, track: Track) -> Iterator[str]:
-    """Yield a problem for each sum or mean that the samples of a track do not allow.
+    """Yield a problem for each sum or mean in a row that its track does not allow.
 
-    A sample has the smallest clearance, and any contact, since the one before.
+    A sample has the smallest clearance, and any contact, since the previous one.
     """
     measures = row.measures
     step = dict(zip(CHANNELS, track.steps.tolist(), strict=True))
@@ -274,20 +274,20 @@ def _compare_sums(row: TrialResult, track: Track) -> Iterator[str]:
     slack_s = step["time"] * len(periods_s)
     clearance = channel["clearance"]
     near = clearance < NEAR_CONTACT_M + step["clearance"]
-    # What happened in a period is at most all of it.
+    # A contact in a period lasts at most the whole period.
     for key, value, mask in (
         ("contact_s", measures.contact_s, track.contact),
         ("near_contact_s", measures.near_contact_s, near),
     ):
         longest_s = periods_s[mask].sum() + slack_s
         if value is not None and value > longest_s:
-            yield f"{key} is {value:.2f} in the row, {longest_s:.2f} at most by its track"
+            yield f"{key} is {value:.2f} in the row, at most {longest_s:.2f} by its track"
 
     turns = np.diff(channel["yaw"])
     turns = (turns + np.pi) % (2.0 * np.pi) - np.pi
     least = {"rotation_rad": np.abs(turns).sum() - step["yaw"] * len(turns)}
     if periods_s.any():
-        # The first reading counts as any other, but no time has passed before it.
+        # The first reading counts like any other, though no time precedes it.
         first_m = np.abs(clearance).max() * PERIOD_S / periods_s.sum()
         mean_m = np.average(clearance, weights=periods_s)
         least["mean_clearance_m"] = mean_m - first_m - step["clearance"]
@@ -295,17 +295,17 @@ def _compare_sums(row: TrialResult, track: Track) -> Iterator[str]:
         ("speed_variation_mps", "command_speed"),
         ("turn_variation_radps", "command_turn"),
     ):
-        # Between two samples, commands may have gone back and forth, but no less far.
+        # Between two samples, commands may vary more than these differences, not less.
         changes = np.abs(np.diff(channel[name]))
         least[key] = np.nansum(changes) - step[name] * len(changes)
     for key, smallest in least.items():
         value = getattr(measures, key)
         if value is not None and value < smallest - ROUNDING:
-            yield f"{key} is {value:.3f} in the row, {smallest:.3f} at least by its track"
+            yield f"{key} is {value:.3f} in the row, at least {smallest:.3f} by its track"
 
 
 def _compare_ends(row: TrialResult, spec: TrialSpec, track: Track) -> Iterator[str]:
-    """Yield contradictions of outcome and traversal time with a track's ends."""
+    """Yield a problem if outcome, arrival or traversal time contradicts the track."""
     protocol = spec.scaled_protocol
     outcome = row.outcome
     times_s = track.samples[:, 0]
@@ -314,12 +314,12 @@ def _compare_ends(row: TrialResult, spec: TrialSpec, track: Track) -> Iterator[s
     contacts = int(track.contact.sum())
     is_collision = outcome is Outcome.COLLISION
     ended_freely = outcome in JUDGED_OUTCOMES and not is_collision
-    # Under such a protocol, a contact would have been the end.
+    # If collisions end trials, a trial with another end has no contact.
     is_contact_free = ended_freely and protocol.collision_ends_trial
     if (is_contact_free and contacts) or (is_collision and not contacts):
         yield (
-            f"outcome is {outcome.value} in the row, its track has {contacts} samples"
-            " with a contact"
+            f"outcome is {outcome.value} in the row, but the track has {contacts}"
+            " samples with a contact"
         )
 
     # The odometry that judges arrival may have drifted away from the true position.
@@ -330,8 +330,8 @@ def _compare_ends(row: TrialResult, spec: TrialSpec, track: Track) -> Iterator[s
         drift_m = 1.0 + 0.1 * row.measures.driven_m
     if outcome is Outcome.SUCCESS and left_m > protocol.goal_distance_m + drift_m:
         yield (
-            f"outcome is success in the row, its track ends {left_m:.2f} m from the"
-            " goal"
+            f"outcome is success in the row, but the track ends {left_m:.2f} m from"
+            " the goal"
         )
 
     time_s = row.scores.traversal_time_s
@@ -348,6 +348,6 @@ def _compare_ends(row: TrialResult, spec: TrialSpec, track: Track) -> Iterator[s
     slack_s = period_s + protocol.look_period_s + track.steps[0]
     if not earliest_s - slack_s <= times_s[-1] - time_s <= latest_s + slack_s:
         yield (
-            f"traversal_time_s is {time_s:.2f} in the row, its track began to move"
-            f" after {earliest_s:.2f} s"
+            f"traversal_time_s is {time_s:.2f} in the row, but in the track motion"
+            f" begins after {earliest_s:.2f} s"
         )

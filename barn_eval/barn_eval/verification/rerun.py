@@ -1,4 +1,4 @@
-"""A trial judged again: by its recorded readings, and by driving its commands again."""
+"""Judge a trial again: by its recorded readings, and by driving its commands again."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -53,41 +53,41 @@ from barn_worlds.base.types import (
 from barn_worlds.messages import decode
 from barn_worlds.messages.topics import CMD_VEL, COLLISION, GROUND_TRUTH, ODOM, SCAN
 
-# Physics clients of all trials of this process; new ones give the same results.
+# Physics clients for all trials of this process; new ones would give the same results.
 _scenes = ScenePool()
 
 _pose_row = attrgetter("x", "y", "yaw")
 
 
 class Readings(NamedTuple):
-    """What was measured and commanded in a trial."""
+    """Measurements and commands of a trial."""
 
-    trajectory: Trajectory  # with stamps from its first reading on
+    trajectory: Trajectory  # with stamps relative to its first reading
     odometry: Floats  # (n, 3) measured poses in the odom frame
     # Whether each command was the only one that answered its scan, and in time.
     is_exact: bool = True
-    # Whether the robot tipped over after the last one.
+    # Whether the robot tipped over after the last command.
     is_tipped: bool = False
 
 
 @dataclass(frozen=True)
 class TrialEvidence:
-    """What a folder has of a trial."""
+    """A trial, and what a folder holds of it."""
 
     row: TrialResult
     spec: TrialSpec
     track: Track | None
     bag: Path | None
-    commands: str  # line of the commands, empty without
+    commands: str  # line of the commands; empty if there is none
     drive: bool  # whether to drive them again
 
 
 @dataclass(frozen=True)
 class TrialCheck:
-    """What is wrong with a trial."""
+    """Problems of a trial."""
 
     trial_id: str
-    problems: tuple[str, ...] = ()  # whatever version has driven it
+    problems: tuple[str, ...] = ()  # whichever version drove it
     differences: tuple[str, ...] = ()  # from what this version computes
     bag_problem: str = ""  # why its bag cannot be read to its end
     unchecked: str = ""  # why something could not be checked
@@ -95,13 +95,13 @@ class TrialCheck:
 
 
 class CheckWork(Work):
-    """What a worker does with a trial of a folder that is checked."""
+    """The work of a worker process that checks trials."""
 
-    # Checks run the suite's own code only.
+    # Checks run no code but that of the suite.
     needs_import_path = False
 
     def run(self, job: TrialEvidence, emit: Emit) -> TrialCheck:  # noqa: ARG002
-        """Check the trial of a job; nothing is emitted."""
+        """Check a trial and return its check; `emit` is not used."""
         return check_trial(job)
 
 
@@ -148,8 +148,8 @@ def read_bag(bag: BagFile) -> Readings:
 
 
 def _pose_table(poses: Sequence[tuple[float, ...]]) -> Floats:
-    """Return poses x, y m, yaw rad as an array (n, 3), also if there are none."""
-    # Without poses there is no second axis yet.
+    """Return poses (x, y [m], yaw [rad]) as an array (n, 3), where n may be 0."""
+    # An array of no poses has no second axis.
     return np.array(poses, np.float64).reshape(-1, 3)
 
 
@@ -164,8 +164,8 @@ def drive_again(spec: TrialSpec, commands: Floats) -> Readings:
         commands: Command (n, 2) of each instant in m/s and rad/s, NaN for none.
 
     Raises:
-        ConfigError: There is a command for which the planner was not asked.
-        TippedError: The robot tips over before the last command.
+        ConfigError: If there is a command at an instant when the planner was not asked.
+        TippedError: If the robot tips over before the last command.
     """
     config = spec.simulator
     cycles = PlannerCycles(spec)
@@ -182,12 +182,12 @@ def drive_again(spec: TrialSpec, commands: Floats) -> Readings:
             log.reading(simulator.read_truth(), simulator.read_collision())
             delay_ns = cycles.start(stamp_ns)
             if not math.isnan(linear):
-                # Who commands while computing is declared would pay for nothing. The
+                # A command during declared computing time would come too early. The
                 # last reading ends the trial.
                 if delay_ns is None and len(odometry) < len(commands):
                     raise ConfigError(
-                        f"a command at {stamp_ns / NANOSECONDS_PER_SECOND:.2f} s, where"
-                        " none was due"
+                        f"has a command at {stamp_ns / NANOSECONDS_PER_SECOND:.2f} s,"
+                        " when none was due"
                     )
                 command = Velocity2D(linear, angular)
                 log.command(command)
@@ -204,7 +204,7 @@ def drive_again(spec: TrialSpec, commands: Floats) -> Readings:
 
 
 def drive_by_planner(spec: TrialSpec, row: TrialResult) -> str:
-    """Drive a trial by its planner of the registry; return how its row differs, or "".
+    """Drive a trial in mode direct with its planner; return the row's difference, or "".
 
     Args:
         spec: The trial.
@@ -214,7 +214,7 @@ def drive_by_planner(spec: TrialSpec, row: TrialResult) -> str:
     content = finished.result.repeatable()
     ignored: tuple[str, ...] = ("schema_version",)
     if row.mode == "ros":
-        # There these come from messages.
+        # Over ROS, these come from messages.
         ignored += ("mode", "remarks", "recoveries", "planner_verdict")
     difference = find_difference(
         row, content, "driven by the planner", ROUNDING, ignored
@@ -223,13 +223,13 @@ def drive_by_planner(spec: TrialSpec, row: TrialResult) -> str:
 
 
 def replay_trial(spec: TrialSpec, readings: Readings) -> RunningTrial:
-    """Judge readings and commands by a new referee, without simulator or planner.
+    """Feed readings and commands to a new referee and return the judged trial.
 
-    The trial that is returned has no verdict if they do not end it.
+    The trial has no verdict if the readings do not end it.
 
     Args:
         spec: The trial.
-        readings: What was measured and commanded.
+        readings: Measurements and commands.
     """
     trial = RunningTrial(spec)
     trajectory = readings.trajectory
@@ -248,14 +248,14 @@ def replay_trial(spec: TrialSpec, readings: Readings) -> RunningTrial:
         truth = Odometry(stamp_ns, Pose2D(*true_pose), velocity)
         trial.read(measured, truth, is_contact)
         command = Velocity2D(*answer)
-        # Over ROS, commands may come after the verdict. They change nothing.
+        # Over ROS, commands may arrive after the verdict, without any effect.
         if not math.isnan(command.linear) and trial.verdict is None:
             trial.command(command)
     return trial
 
 
 def check_trial(evidence: TrialEvidence) -> TrialCheck:
-    """Check a trial's row against its track, bag and commands; change nothing."""
+    """Return a check of a trial's row against its track, bag and commands."""
     row = evidence.row
     spec = _with_planner_of_row(evidence.spec, row)
     problems = [
@@ -274,9 +274,9 @@ def check_trial(evidence: TrialEvidence) -> TrialCheck:
             )
         bag_row = metadata(bag, "barn.result", "result")
         if bag_row:
-            # An older bag may lack keys that its row was given when it was read.
+            # An older bag may lack keys that reading the row has added.
             differences += find_difference(row, bag_row, "in the bag")
-    # Older folders have commands in bags only.
+    # Older folders have commands only in bags.
     if not evidence.commands and is_current(row) and requires_commands(row, spec):
         problems.append("its commands are missing")
 
@@ -298,11 +298,11 @@ def check_trial(evidence: TrialEvidence) -> TrialCheck:
     except BarnError as error:
         problems.append(str(error))
     if not unchecked and not row.planner_config:
-        unchecked = "parameters and speed cap are not known of their planner"
+        unchecked = "parameters and speed cap of their planner are unknown"
     return TrialCheck(
         row.trial_id,
         tuple(problems),
-        # Two comparisons may find the same one.
+        # Two comparisons may find the same difference.
         tuple(dict.fromkeys(differences)),
         unchecked=unchecked,
         was_driven=simulated is not None,
@@ -310,7 +310,7 @@ def check_trial(evidence: TrialEvidence) -> TrialCheck:
 
 
 def _with_planner_of_row(spec: TrialSpec, row: TrialResult) -> TrialSpec:
-    """Return the trial with delays from its row, and planner data if unknown here."""
+    """Return the trial with its row's delays and, if unknown here, planner's data."""
     if row.delays:
         spec = replace(spec, recorded_ns=unpack_delays(row.delays))
     if not row.planner_config:  # a planner that was started by hand
@@ -338,12 +338,12 @@ def is_current(row: TrialResult) -> bool:
 
 
 def _find_commands(evidence: TrialEvidence, recorded: Readings | None) -> Floats | None:
-    """Return exact commands (n, 2) from the trial's line, else its bag, else None."""
+    """Return a trial's commands (n, 2) from its line, else an exact bag, else None."""
     if evidence.commands:
         _, commands = parse_commands_line(evidence.commands, "its commands")
         return commands
 
-    # Folders of earlier versions have commands in bags only.
+    # Folders of earlier versions have commands only in bags.
     if recorded is None or (evidence.row.mode == "ros" and not recorded.is_exact):
         return None
     return recorded.trajectory.command
@@ -352,61 +352,61 @@ def _find_commands(evidence: TrialEvidence, recorded: Readings | None) -> Floats
 def _why_not_driven(
     row: TrialResult, recorded: Readings | None, commands: Floats | None
 ) -> str:
-    """Return why a trial's commands cannot be driven again, empty if they can."""
+    """Return why a trial's commands cannot be driven again, or "" if they can."""
     if row.observed is not None:
         return f"observed, not driven again ({row.observed.system})"
-    # One that is not scored ends otherwise than by its readings, and may not.
+    # A trial that is not scored did not end by its readings.
     if not row.is_scored and commands is None:
-        return "not driven again, as they are not scored"
+        return "not driven again, because they are not scored"
     is_inexact = row.mode == "ros" and (recorded is not None or is_current(row))
     if row.compute == REAL_TIME or (commands is None and is_inexact):
         return (
-            "not driven again, as commands outside lockstep, late, or several to a scan"
-            " took effect at times unknown"
+            "not driven again, because commands outside lockstep, late, or several to a"
+            " scan took effect at unknown times"
         )
     if commands is None:
         return (
-            "not driven again, as their commands are not there; only tracks tell of"
+            "not driven again, because their commands are missing; only tracks show"
             " them"
         )
     return ""
 
 
 def _compare_tip(row: TrialResult, simulated: Readings) -> Iterator[str]:
-    """Yield a text if a robot tipped over by its row, but not when simulated."""
+    """Yield a text if the row says that the robot tipped over and the simulation not."""
     if row.outcome is Outcome.ROBOT_TIPPED and not simulated.is_tipped:
         yield "its commands, driven again, do not tip the robot over"
 
 
 def _compare_commands(recorded: Readings, simulated: Readings) -> Iterator[str]:
-    """Yield a text if recorded and simulated readings have other commands."""
+    """Yield a text if the commands in the bag and those driven again differ."""
     command = recorded.trajectory.command
     if not np.array_equal(command, simulated.trajectory.command, equal_nan=True):
-        yield "its commands are not those of its bag"
+        yield "its commands differ from those in its bag"
 
 
 def _compare_readings(recorded: Readings, simulated: Readings) -> Iterator[str]:
-    """Yield at most one text on how readings after the same commands differ."""
+    """Yield a text on where readings after the same commands first differ, if they do."""
     if any(_compare_commands(recorded, simulated)):
         return
     difference = np.abs(_reading_table(recorded) - _reading_table(simulated))
     yaws = difference[:, [3, 6]]
-    # Two angles may be nearly equal and lie on both sides of pi.
+    # Two nearly equal angles may lie on either side of pi.
     difference[:, [3, 6]] = np.minimum(yaws, np.abs(2.0 * np.pi - yaws))
-    # Not "greater", so that NaN is a difference.
+    # Not "greater", so that NaN counts as a difference.
     is_off = ~(difference.max(axis=1, initial=0.0) <= ROUNDING)
     if is_off.any():
         stamp_ns = simulated.trajectory.stamps_ns[np.flatnonzero(is_off)[0]]
         distance_m = np.nanmax(difference[:, 1:3])
         yield (
-            "its commands, driven again, give another trajectory from"
+            "its commands, driven again, give a different trajectory from"
             f" {stamp_ns / NANOSECONDS_PER_SECOND:.2f} s on, up to {distance_m:.3g} m"
             " away"
         )
 
 
 def _reading_table(readings: Readings) -> Floats:
-    """Return readings (n, 10): s, true and measured pose, speed, yaw rate, contact."""
+    """Return readings (n, 10): time [s], true pose, odometry, speed, yaw rate, contact."""
     trajectory = readings.trajectory
     times_s = trajectory.stamps_ns / NANOSECONDS_PER_SECOND
     columns = [
@@ -422,15 +422,15 @@ def _reading_table(readings: Readings) -> Floats:
 def _judge(
     row: TrialResult, spec: TrialSpec, readings: Readings, track: Track | None
 ) -> Iterator[str]:
-    """Judge readings again; yield what of the row, then the track, does not follow.
+    """Judge readings again; yield differences of the row and the track from the result.
 
-    What no reading shows, such as a planner that died, is taken from the row: it must
-    come before any verdict.
+    An end that no reading shows, such as that of a planner that died, is taken from the
+    row, unless the readings give a verdict.
     """
     trial = replay_trial(spec, readings)
     if trial.verdict is None and row.outcome in JUDGED_OUTCOMES:
         yield (
-            f"outcome is {row.outcome.value} in the row, but its readings do not end"
+            f"outcome is {row.outcome.value} in the row, but the readings do not end"
             " the trial"
         )
         return
@@ -439,12 +439,12 @@ def _judge(
         # Interference replaces any verdict.
         verdict = replace(verdict, outcome=row.outcome, detail=row.detail, culprit="")
     elif row.detail.startswith(verdict.detail):
-        # What the planner says of the trial is appended.
+        # The row appends what the planner says about the trial.
         verdict = replace(verdict, detail=row.detail)
     trajectory = trial.log.trajectory()
     recomputed = recompute_row(row, spec, verdict, trajectory).repeatable()
 
-    # The distance from plans follows from what a planner says.
+    # The distance from plans depends on what a planner says.
     ignored = ("measures.off_plan_m",)
     yield from find_difference(row, recomputed, "computed again", ROUNDING, ignored)
     expected = make_track(trajectory, spec)
@@ -452,7 +452,7 @@ def _judge(
         return
     samples = expected.samples
     is_same = (
-        # Another processor may have rounded to the next step.
+        # Another processor may round to the next step.
         samples.shape == track.samples.shape
         and np.array_equal(expected.contact, track.contact)
         and np.allclose(
@@ -460,4 +460,4 @@ def _judge(
         )
     )
     if not is_same:
-        yield "its track is not that of its readings"
+        yield "its track does not follow from its readings"

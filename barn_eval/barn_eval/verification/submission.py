@@ -1,6 +1,6 @@
-"""A result in one file that a stranger can verify.
+"""Results as one file that anybody can verify.
 
-It holds rows, tracks, commands, worlds, parameters, versions and machine.
+The file holds rows, tracks, commands, worlds, parameters, versions and machine.
 """
 
 import hashlib
@@ -55,22 +55,22 @@ SCHEMA_VERSION = 1
 _REQUIRED = (RUN_FILE, ROWS_FILE, TRACKS_FILE, COMMANDS_FILE)
 _ALLOWED = (*_REQUIRED, WORLDS, WORLDS_MANIFEST)
 
-# Copies of files that planners' commands name, and parameters of planners' nodes.
+# Copies of files that planners' commands name, and parameter files of their nodes.
 _PARAMETERS = re.compile(r"parameters/[0-9a-f]{12}_[A-Za-z0-9_.-]{1,100}")
 _CONTAINER = re.compile(r"(|([A-Za-z0-9_./:-]{1,200}@)?sha256:[0-9a-f]{64})")
 
-# Limits of a submission: members, bytes of all members, and the highest ratio to which
-# a large member may unpack.
+# Limits of a submission: number of members, their bytes, and the highest compression
+# ratio of a member that is not small.
 _MAX_MEMBERS = 100
 _MAX_BYTES = 1 << 29
 _MAX_RATIO = 100
 _SMALL_BYTES = 1 << 20
-# Trials of each planner that it drives again.
+# Number of trials of each planner that `verify` drives again with the planner.
 _RERUNS = 3
 
 
 def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderCheck:
-    """Write the finished results of a folder as one file, once they are checked.
+    """Check a folder of finished results and write it as one file; return the check.
 
     Equal results give equal bytes.
 
@@ -80,24 +80,24 @@ def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderC
         container: Digest of the image that the planner ran in.
 
     Returns:
-        What the check has found.
+        What was checked.
 
     Raises:
-        FindingError: Anything is wrong.
-        ConfigError: The worlds are those of a file that nobody else has.
+        FindingError: If anything is wrong, missing or cannot be checked.
+        ConfigError: If the worlds are from a file that others do not have.
     """
     folder = Path(folder)
     if not _CONTAINER.fullmatch(container):
         raise ConfigError(
-            f"container {format_value(container)}: must be sha256: and 64 digits, after"
-            " a name and @ if wanted"
+            f"container {format_value(container)}: must be sha256: and 64 hexadecimal"
+            " digits, optionally after a name and @"
         )
     check = check_folder(folder)
     problems = list(check.problems)
     if check.rows != check.trials:
         problems.append(f"has {check.rows} of {check.trials} trials")
     run_file = RunFile.read(folder)
-    # What an earlier version drove cannot be checked, so it would not be verified.
+    # Trials of an earlier version cannot be checked, so `verify` would refuse them.
     config = run_file.run_config()
     config.require_own_names()
     if config.system.is_observed:
@@ -105,10 +105,10 @@ def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderC
     other_task = describe_other_task(run_file, config)
     if other_task:
         problems.append(f"{other_task}{run_file.origin_note()}")
-    # `verify` takes what cannot be checked for wrong.
+    # `verify` counts what cannot be checked as wrong.
     problems += check.unchecked
     if problems:
-        raise FindingError(f"{folder}: is not to be submitted: {problems[0]}")
+        raise FindingError(f"{folder}: cannot be submitted: {problems[0]}")
     _require_available_worlds(run_file)
 
     files = {}
@@ -117,7 +117,7 @@ def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderC
             files[name] = read_bytes(folder / name, _MAX_BYTES)
     if COMMANDS_FILE not in files:
         raise FindingError(
-            f"{folder}: is not to be submitted: has no {COMMANDS_FILE}"
+            f"{folder}: cannot be submitted: has no {COMMANDS_FILE}"
             f"{run_file.origin_note()}"
         )
     for file in _parameter_files(folder, run_file.run_config()):
@@ -135,9 +135,10 @@ def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderC
 
 
 def _require_available_worlds(run_file: RunFile) -> None:
+    """Raise ConfigError unless the worlds are the suite's or copied into the folder."""
     dataset = run_file.config.get("dataset")
     is_in_folder = dataset == str((run_file.path.parent / WORLDS).absolute())
-    # Nobody else could drive in the worlds of a file on this machine.
+    # Others do not have the worlds of a file on this machine.
     if dataset not in dataset_files() and not is_in_folder:
         raise ConfigError(
             f"{run_file.path}: dataset {format_value(dataset)} is not one that comes"
@@ -146,7 +147,7 @@ def _require_available_worlds(run_file: RunFile) -> None:
 
 
 def _parameter_files(folder: Path, config: RunConfig) -> Iterator[Path]:
-    """Yield planners' node parameter files and copies of files that commands name."""
+    """Yield paths in the logs: node parameter files, copies of files in commands."""
     for planner in config.planners:
         yield from find_parameter_files(folder / LOGS, planner.name)
         for name, sha256 in planner.files.items():
@@ -154,25 +155,27 @@ def _parameter_files(folder: Path, config: RunConfig) -> Iterator[Path]:
 
 
 def _sha256(content: bytes) -> str:
+    """Return the SHA-256 of bytes as hexadecimal digits."""
     return hashlib.sha256(content).hexdigest()
 
 
 def verify(path: str | Path, folder: str | Path) -> tuple[FolderCheck, dict[str, Any]]:
-    """Unpack a submission into an empty folder and check it there.
+    """Unpack a submission into a folder, check it there; return (check, its origin).
 
-    Nothing in it is believed. If it has one row per trial, result tables are written.
+    Nothing in the file is trusted. If it has one row per trial, result tables are
+    written.
 
     Args:
         path: File that `submit` has written.
         folder: Folder to unpack it into. It must be empty, which is not checked.
 
     Returns:
-        What was found, where anything that could not be checked is wrong as well; and
-        what the results are of: release, machine, task and so on.
+        The check, whose problems include what could not be checked; and the origin of
+        the results: task, versions, machine and so on.
 
     Raises:
-        ConfigError: The file is no submission, is damaged, of another release or of
-            worlds that are not available, or has too few rows.
+        ConfigError: If the file is not a submission or is damaged, is from another
+            release, has worlds that are not available, or has too few rows.
     """
     path = Path(path)
     folder = Path(folder)
@@ -199,7 +202,7 @@ def verify(path: str | Path, folder: str | Path) -> tuple[FolderCheck, dict[str,
             rows, key=lambda row: (row.world, row.repetition, names.index(row.planner))
         )
         write_tables(folder, ordered)
-    # The folder may be temporary, but users know their file.
+    # The folder may be temporary, so problems name the user's file.
     check.problems = [line.replace(str(folder), str(path)) for line in problems]
 
     session = run_file.sessions[-1] if run_file.sessions else {}
@@ -222,9 +225,9 @@ def verify(path: str | Path, folder: str | Path) -> tuple[FolderCheck, dict[str,
 
 
 def _find_impostors(config: RunConfig, rows: Rows) -> Iterator[str]:
-    """Drive some trials of each planner of the suite again; yield how they differ.
+    """Drive some trials of each registered planner again; yield any differences.
 
-    Which ones differs each time, so that who submits cannot know.
+    The trials are drawn at random, so that a submitter cannot know them.
     """
     specs = {spec.trial_id: spec for spec in config.trials()}
     for planner in config.planners:
@@ -236,11 +239,11 @@ def _find_impostors(config: RunConfig, rows: Rows) -> Iterator[str]:
         for trial_id in sample_trials(sorted(trials), _RERUNS):
             difference = drive_by_planner(specs[trial_id], trials[trial_id])
             if difference:
-                yield f"{trial_id}: is not what {planner.name} drives: {difference}"
+                yield f"{trial_id}: {planner.name} drives otherwise: {difference}"
 
 
 def _require_release(path: Path, run_file: RunFile) -> None:
-    """Raise ConfigError if a session used another release of the suite."""
+    """Raise ConfigError if a session used another release than the installed one."""
     current = versions()
     for session in run_file.sessions:
         session_versions = as_mapping(session.get("versions"))
@@ -254,10 +257,10 @@ def _require_release(path: Path, run_file: RunFile) -> None:
 
 
 def _unpack(path: Path, folder: Path) -> str:
-    """Write the members of a submission into a folder and return the container.
+    """Write the members of a submission into a folder; return its container's digest.
 
     Raises:
-        ConfigError: The file is no submission, or a damaged one.
+        ConfigError: If the file is not a submission, or is damaged.
     """
     try:
         with open_regular(path) as file, zipfile.ZipFile(file) as archive:
@@ -273,45 +276,43 @@ def _unpack(path: Path, folder: Path) -> str:
                     f"{where}: schema_version must be {SCHEMA_VERSION}, with files"
                 )
             if files.keys() != set(archive.namelist()) - {SUBMISSION_FILE}:
-                raise ConfigError(f"{where} does not name the files that there are")
+                raise ConfigError(f"{where}: does not list the files in the archive")
             for name, sha256 in files.items():
                 content = _read_member(archive, name)
                 if _sha256(content) != sha256:
                     raise ConfigError(
-                        f"{path}: {name} has not the SHA-256 that {SUBMISSION_FILE}"
-                        " states"
+                        f"{path}: the SHA-256 of {name} differs from that in"
+                        f" {SUBMISSION_FILE}"
                     )
-                # No name leads out of the folder: `_require_members` knows all that may
-                # be.
+                # `_require_members` allows no name that leads out of the folder.
                 (folder / name).parent.mkdir(exist_ok=True)
                 (folder / name).write_bytes(content)
             (folder / SUBMISSION_FILE).write_bytes(contents_text)
     except ZIP_ERRORS as error:
         raise ConfigError(
-            f"{path}: not a submission, or a damaged one: {error}"
+            f"{path}: is not a submission, or is damaged: {error}"
         ) from None
 
     container = contents.get("container")
     if not isinstance(container, str) or not _CONTAINER.fullmatch(container):
-        raise ConfigError(f"{where}: container {format_value(container)} is no digest")
+        raise ConfigError(
+            f"{where}: container {format_value(container)} is not a digest"
+        )
     return container
 
 
 def _require_members(path: Path, members: list[zipfile.ZipInfo]) -> None:
-    """Raise ConfigError unless members are those of a submission, once each.
-
-    Their sizes must allow to unpack them.
-    """
+    """Raise ConfigError unless members are a submission's, once each, and not too big."""
     # One more than allowed shows that there are too many.
     names = [member.filename for member in members[: _MAX_MEMBERS + 1]]
     for name in names:
         if name not in (SUBMISSION_FILE, *_ALLOWED) and not _PARAMETERS.fullmatch(name):
             raise ConfigError(
-                f"{path}: holds {format_value(name)}, which is no part of a submission"
+                f"{path}: holds {format_value(name)}, which is not part of a submission"
             )
     missing = {SUBMISSION_FILE, *_REQUIRED}.difference(names)
     if missing:
-        raise ConfigError(f"{path}: not a submission: has no {min(missing)}")
+        raise ConfigError(f"{path}: is not a submission: has no {min(missing)}")
     if len(names) > _MAX_MEMBERS or len(set(names)) < len(names):
         raise ConfigError(
             f"{path}: holds a file twice, or more than {_MAX_MEMBERS} files"
@@ -331,10 +332,11 @@ def _require_members(path: Path, members: list[zipfile.ZipInfo]) -> None:
 
 
 def _read_member(archive: zipfile.ZipFile, name: str) -> bytes:
+    """Return a member's content; ValueError if its size is not the one it states."""
     # A member may unpack to more than it states.
     size = archive.getinfo(name).file_size
     with archive.open(name) as file:
         content = file.read(size + 1)
     if len(content) != size:
-        raise ValueError(f"{name} is not of the {size} bytes that it states")
+        raise ValueError(f"{name} does not have the {size} bytes that it states")
     return content

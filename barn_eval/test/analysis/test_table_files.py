@@ -104,7 +104,7 @@ def test_repetitions_that_are_not_numbered_count_in_their_order(tmp_path):
         (HEAD + "a,1,0,success,nan\n", "line 2: time 'nan': must be a number of 0"),
         (HEAD + "a,1,0,success,\n", "line 2: a success needs a time"),
         (HEAD + "a,1,0,success\n", "line 2: has 4 of 5 values"),
-        (HEAD + 2 * "a,1,0,timeout,\n", "line 3: trial a_w0001_r00 is there already"),
+        (HEAD + 2 * "a,1,0,timeout,\n", "line 3: trial a_w0001_r00 is listed twice"),
         (HEAD + ",1,0,timeout,\n", "line 2: planner '': must be a name"),
     ],
 )

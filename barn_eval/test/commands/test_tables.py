@@ -196,7 +196,11 @@ def test_few_worlds_have_no_intervals(worlds, has_intervals):
     ("planners", "worlds", "words"),
     [
         ("a", 3, ""),
-        ("ab", 3, "3 worlds: too few to compare planners (at least 6, better 20)"),
+        (
+            "ab",
+            3,
+            "3 worlds: too few to compare planners; run at least 6, or better 20",
+        ),
         ("ab", 6, "a ranks first; its lead over b is not significant"),
     ],
 )

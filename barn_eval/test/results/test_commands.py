@@ -85,7 +85,7 @@ def test_other_commands_than_those_of_a_bag_are_named(collided, tmp_path):
     text = f"{seal_line(json.dumps(content))}\n"
     (folder / "commands.jsonl").write_text(text)
     problems = barn.results.check(folder).problems
-    assert any("its commands are not those of its bag" in line for line in problems)
+    assert any("its commands differ from those in its bag" in line for line in problems)
 
 
 def test_commands_that_no_planner_sent_are_found(folder):

@@ -103,7 +103,7 @@ def test_an_older_folder_is_compared_and_reported(folder, command, succeed):
 def test_the_check_of_an_honest_older_folder_finds_nothing_wrong(folder):
     report = barn.results.check(make_old(folder))
     assert report.problems == []
-    assert report.unchecked[0].startswith("2 trials: not driven again, as their")
+    assert report.unchecked[0].startswith("2 trials: not driven again, because their")
 
 
 def test_what_another_version_computes_is_not_called_wrong(folder):
@@ -124,7 +124,7 @@ def test_what_another_version_drove_is_not_submitted(folder, rejected):
     make_old(folder)
     (folder / "commands.jsonl").touch()
     error = rejected(f"submit {folder}", ends=ExitCode.FINDINGS)
-    assert "is not to be submitted" in error and "run.json: describes task" in error
+    assert "cannot be submitted" in error and "run.json: states task" in error
 
 
 @pytest.mark.parametrize(
@@ -166,7 +166,8 @@ def test_run_json_cannot_pass_for_another_task(folder):
     rewrite_rows(folder, lambda rows: [row | {"task": task} for row in rows])
     report = barn.results.check(folder)
     lines = "\n".join(report.problems + report.unchecked)
-    assert f"run.json: describes task {task}, which is {expected} here" in lines
+    computed = f"but this version computes {expected}"
+    assert f"run.json: states task {task}, {computed}" in lines
 
 
 def set_versions(folder, versions):
@@ -185,15 +186,18 @@ def test_a_version_that_never_was_excuses_nothing(folder, versions):
     forge(folder, scores__challenge=0.45)
     set_versions(folder, versions)
     problems = barn.results.check(folder).problems
-    for words in ("are of no version up to this one", "challenge is 0.45 in the row"):
+    for words in (
+        "belong to no version up to this one",
+        "challenge is 0.45 in the row",
+    ):
         assert any(words in line for line in problems)
 
 
 @pytest.mark.parametrize(
     ("part", "key", "value", "words"),
     [
-        ("measures", "min_clearance_m", 9.0, "m by its track, 9.000 m by its row"),
-        ("measures", "contact_s", 1e6, "measures.contact_s does not fit"),
+        ("measures", "min_clearance_m", 9.0, "m in the track, 9.000 m in the row"),
+        ("measures", "contact_s", 1e6, "measures.contact_s is 1e+06, must"),
         ("measures", "rms_jerk_mps3", -1.0, "rms_jerk_mps3 is -1, can be 0"),
         ("scores", "traversal_time_s", 0.5, "traversal_time_s is 0.50 in the row"),
         (None, "planner_seed", 3, "has planner_seed 3, must have"),
@@ -227,7 +231,7 @@ def test_tracks_and_commands_are_missing_in_any_version(folder):
     (folder / "commands.jsonl").unlink()
     (folder / "tracks.jsonl").unlink()
     problems = barn.results.check(folder).problems
-    for words in ("its commands are missing", "has no track, though it drove"):
+    for words in ("its commands are missing", "has no track, though the robot drove"):
         assert any(words in line for line in problems)
 
 

@@ -69,7 +69,7 @@ def test_a_signal_ends_a_campaign_with_a_word(whole, tmp_path, number):
     os.killpg(campaign.pid, number)  # as a terminal does
     _, errors = campaign.communicate(timeout=600)
     assert campaign.returncode == 130
-    assert f"finished trials are in {out}, the same command resumes" in " ".join(
+    assert f"finished trials are in {out}, and the same command resumes" in " ".join(
         errors.split()
     )
     assert "Traceback" not in errors
@@ -94,7 +94,7 @@ def test_an_interrupted_run_resumes_to_the_same_table(whole, tmp_path):
         if number != signal.SIGKILL:
             assert campaign.returncode == 130
             assert (
-                f"finished trials are in {out}, the same command resumes"
+                f"finished trials are in {out}, and the same command resumes"
                 in " ".join(errors.split())
             )
             assert (

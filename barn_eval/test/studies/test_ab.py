@@ -130,4 +130,4 @@ def test_a_verdict_tells_how_far_it_went(tmp_path):
         "open",
     )
     assert f"after {conclusion.worlds} of 6 worlds" in conclusion.markdown()
-    assert "difference is clear" in conclusion.markdown()
+    assert "difference is significant" in conclusion.markdown()

@@ -51,7 +51,7 @@ def test_intervals_cover_the_true_slope(worlds, grows):
 
 
 def test_equal_worlds_have_no_line():
-    with pytest.raises(ConfigError, match="three worlds of different difficulty"):
+    with pytest.raises(ConfigError, match="three worlds that differ in difficulty"):
         fit_line(np.ones(5), np.arange(5.0))
 
 
@@ -126,7 +126,7 @@ def test_trials_with_nothing_in_common_do_not_stand_side_by_side(folders, tmp_pa
 
 def test_simulated_trials_alone_are_named_as_such(folders):
     finding = measure_difficulty(folders[1:])
-    assert "nothing was measured outside" in finding.notes[0]
+    assert "none were measured outside" in finding.notes[0]
 
 
 def test_too_few_worlds_are_refused(folders, tmp_path, rejected):

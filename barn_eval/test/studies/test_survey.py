@@ -86,5 +86,5 @@ def test_the_course_as_built_is_driven(built, tmp_path, capsys, monkeypatch):
 def test_scans_of_another_world_are_refused(built):
     _, bag = built
     other = open_dataset("barn300").load(270)
-    with pytest.raises(BagError, match=r"do not fit world_270: \d+% of returns"):
+    with pytest.raises(BagError, match=r"do not fit world_270: \d+% of the returns"):
         barn.worlds.survey(bag, other)

@@ -55,11 +55,11 @@ def test_shipped_ranges_are_read_and_hold_the_defaults(name, tmp_path):
 
 NO_RANGES = """
 {}
-    must list parameters
+    must have parameters
 {max_speed_mps: {low: 1.0, high: 0.5}}
-    max_speed_mps: must be low < high
+    max_speed_mps: must have low < high
 {max_speed_mps: 3}
-    max_speed_mps: must be low < high
+    max_speed_mps: must have low < high
 {max_sped_mps: {low: 0.1, high: 0.5}}
     did you mean 'max_speed_mps'
 {max_speed_mps: {low: 0.1, high: 0.4}}
@@ -76,7 +76,7 @@ def test_what_are_no_ranges_is_refused_in_one_line(parameters, words, tmp_path):
 def test_unknown_ranges_and_worlds_that_were_seen_are_refused(tmp_path):
     with refused("one of dwa, eband, gap, mppi", BarnError):
         Ranges.read("dvb")
-    with refused("none that settings are chosen by", BarnError):
+    with refused("worlds of the data set that --worlds does not have", BarnError):
         tuned(tmp_path, unseen="2,3")
     with refused("unknown measure 'min_clearnce_m'", BarnError):
         tuned(tmp_path, by=["min_clearnce_m"])
@@ -131,7 +131,7 @@ def test_what_is_written_drives_as_the_setting_that_was_judged(
     assert repeatable(tmp_path / "alone") == repeatable(unseen)
     output = succeed(line)
     assert f"setting {number}" in output
-    assert "2 worlds that no setting was chosen by" in output
+    assert "2 worlds that the tuning did not use" in output
 
 
 def test_several_measures_give_a_front_and_its_picture(tmp_path):

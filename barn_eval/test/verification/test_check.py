@@ -83,20 +83,20 @@ def test_an_unfinished_folder_is_good_as_far_as_it_goes(folder):
         ),
         (
             lambda out: change_row(out, 0, scores__challenge=0.5),
-            "challenge of gap_w0000_r00 is not that of its row",
+            "challenge of gap_w0000_r00 differs from its row",
         ),
         (lambda out: change_row(out, 0, detail="won"), "detail is 'won' in the row, "),
         (
             lambda out: change_row(out, 0, measures__min_clearance_m=9.0),
-            "m by its track, 9.000 m by its row",
+            "m in the track, 9.000 m in the row",
         ),
         (
             lambda out: change_row(out, 0, measures__driven_m=0.1),
-            "m by its track, 0.10 m by its row",
+            "m in the track, 0.10 m in the row",
         ),
         (
             lambda out: change_row(out, 0, measures__contacts=3),
-            "has 3 contacts by its row, by its track not so",
+            "has 3 contacts in the row; the track disagrees",
         ),
         (
             lambda out: replace_text(out / "tracks.jsonl", "zlib", "Zlib"),
@@ -104,11 +104,11 @@ def test_an_unfinished_folder_is_good_as_far_as_it_goes(folder):
         ),
         (
             lambda out: (out / "tracks.jsonl").unlink(),
-            "gap_w0000_r00: has no track, though it drove",
+            "gap_w0000_r00: has no track, though the robot drove",
         ),
         (
             lambda out: shutil.rmtree(out / "bags" / "gap_w0000_r00"),
-            "gap_w0000_r00: is missing, bags of all trials",
+            "gap_w0000_r00: is missing, though the run keeps bags of all trials",
         ),
         (
             lambda out: (out / "results.parquet").unlink(),
@@ -120,7 +120,7 @@ def test_an_unfinished_folder_is_good_as_far_as_it_goes(folder):
         ),
         (
             lambda out: write_long_table(out / "results.parquet"),
-            "results.parquet: has 2000000 rows or columns that",
+            "results.parquet: has 2000000 rows, and rows or columns differ from",
         ),
         (
             lambda out: (out / "bags" / "linked").symlink_to(out / "run.json"),
@@ -132,7 +132,7 @@ def test_an_unfinished_folder_is_good_as_far_as_it_goes(folder):
         ),
         (
             lambda out: replace_text(out / "results.csv", "planner", "success"),
-            "results.csv: is not the table of its",
+            "results.csv: differs from results.jsonl",
         ),
     ],
 )
@@ -148,7 +148,7 @@ def test_a_folder_without_any_bags_is_honest(folder):
     shutil.rmtree(folder / "bags")
     check = barn.results.check(folder)
     assert (check.problems, check.driven) == ([], 2)
-    assert check.unchecked == ["2 trials: no bag is there"]
+    assert check.unchecked == ["2 trials: have no bag"]
 
 
 def test_a_bag_that_was_cut_off_is_named(folder, command):
@@ -208,13 +208,13 @@ def test_a_bound_by_averages_warns_and_accuses_nobody(driven, monkeypatch):
     report = barn.results.check(folder)
     assert (report.problems, report.unchecked) == ([], [])
     (note,) = report.notes
-    assert note.endswith("was faster than the least time")
+    assert note.endswith("was faster than the bound")
 
 
 def test_a_folder_without_sessions_is_no_run(folder):
     with edit_run(folder) as content:
         content["sessions"] = []
-    assert "has no session" in " ".join(barn.results.check(folder).problems)
+    assert "lists no session" in " ".join(barn.results.check(folder).problems)
 
 
 def test_a_command_where_none_was_due_is_a_finding(tmp_path):
@@ -230,7 +230,7 @@ def test_a_command_where_none_was_due_is_a_finding(tmp_path):
     content = {"trial_id": trial_id} | pack_arrays({"commands": commands.ravel()})
     path.write_text(seal_line(json.dumps(content)) + "\n")
     problems = barn.results.check(folder).problems
-    assert any("0.05 s, where none was due" in problem for problem in problems)
+    assert any("0.05 s, when none was due" in problem for problem in problems)
 
 
 # What somebody does to a collision who would rather have won.
@@ -254,18 +254,21 @@ FORGERIES = {
     ),
     "more room": (
         lambda row: {"measures__min_clearance_m": 0.3},
-        "by its track, 0.300 m by its row",
+        "in the track, 0.300 m in the row",
     ),
     "a shorter way": (
         lambda row: {"measures__driven_m": 0.2},
-        "m by its track, 0.20 m by its row",
+        "m in the track, 0.20 m in the row",
     ),
-    "no contact": (lambda row: {"measures__contacts": 0}, "has 0 contacts by its row"),
+    "no contact": (lambda row: {"measures__contacts": 0}, "has 0 contacts in the row"),
     "another speed cap": (
         lambda row: {"speed_cap_mps": 0.5},
         "speed_cap_mps is 0.5 in the row",
     ),
-    "more recoveries": (lambda row: {"recoveries": 99_999}, "recoveries does not fit"),
+    "more recoveries": (
+        lambda row: {"recoveries": 99_999},
+        "recoveries is 99999, must",
+    ),
     "a remark": (lambda row: {"remarks": "fast"}, "remarks is 'fast' in the row"),
     "no turns": (lambda row: {"measures__rotation_rad": 0.0}, "rotation_rad is 0.0"),
     "steady commands": (
@@ -298,7 +301,7 @@ def test_consistent_forgeries_are_still_detected(collided, tmp_path, name, recor
         (folder / "commands.jsonl").unlink()
         report = barn.results.check(folder)
         missing = f"{folder}: straight_w0120_r00: its commands are missing"
-        reason = "1 trials: not driven again, as their commands are not"
+        reason = "1 trials: not driven again, because their commands are missing"
         assert (report.driven, report.problems) == (0, [missing])
         assert report.unchecked[0].startswith(reason)
     else:
@@ -333,9 +336,9 @@ def test_a_bag_that_its_commands_do_not_give_is_rejected(collided, tmp_path):
 
     rewrite_bag(bag, shifted, row.repeatable())
     problems = barn.results.check(folder).problems
-    (problem,) = (line for line in problems if "give another trajectory" in line)
+    (problem,) = (line for line in problems if "give a different trajectory" in line)
     assert problem.endswith(
-        "its commands, driven again, give another trajectory from 0.00 s on, up to 0.002 m away"
+        "its commands, driven again, give a different trajectory from 0.00 s on, up to 0.002 m away"
     )
 
 

@@ -103,7 +103,7 @@ def forged(change, folder):
         ),
         (
             lambda folder: (folder / "commands.jsonl").write_text(""),
-            "1 trials: not driven again, as their commands",
+            "1 trials: not driven again, because their commands",
         ),
         (
             lambda folder: replace_text(folder / "commands.jsonl", '"eJ', '"eK'),
@@ -141,7 +141,7 @@ def test_another_planner_under_the_name_of_one_does_not_hold(
     assert barn.results.check(folder).problems == []
     code, out, err = command(f"verify {path}")
     assert (code, out.splitlines()[-1]) == (1, "does not hold")
-    assert "dwa_w0000_r00: is not what dwa drives: " in err
+    assert "dwa_w0000_r00: dwa drives otherwise: " in err
     assert "claimed: " in out
 
 
@@ -190,10 +190,10 @@ def in_run(old, new):
         (
             with_file("../evil.txt"),
             {},
-            "'../evil.txt', which is no part of a submission",
+            "'../evil.txt', which is not part of a submission",
         ),
         (with_file("/etc/evil"), {}, "holds '/etc/evil', which is no part"),
-        (with_file("parameters/../../a"), {}, "which is no part of a submission"),
+        (with_file("parameters/../../a"), {}, "which is not part of a submission"),
         (with_file("worlds.npz", 1 << 24), {}, "unpacks to 16777216"),
         (
             lambda files: files.pop("tracks.jsonl"),
@@ -220,7 +220,7 @@ def test_a_file_that_is_cut_off_or_no_zip_is_refused_in_one_line(
     for content in (submitted.read_bytes()[:-100], b"PK\x05\x06", b"", b"rows"):
         (tmp_path / "bad.zip").write_bytes(content)
         error = rejected("verify bad.zip", ends=ExitCode.FINDINGS)
-        assert "not a submission, or a damaged one" in error
+        assert "is not a submission, or is damaged" in error
 
 
 def test_what_does_not_hold_or_is_not_finished_is_not_submitted(
@@ -229,7 +229,7 @@ def test_what_does_not_hold_or_is_not_finished_is_not_submitted(
     folder = Path(shutil.copytree(run, tmp_path / "out"))
     forge(folder, scores__challenge=7.0)
     findings = partial(rejected, f"submit {folder}", ends=ExitCode.FINDINGS)
-    assert "is not to be submitted: " in findings()
+    assert "cannot be submitted: " in findings()
     (folder / "results.jsonl").write_text("")
     assert "has 0 of 1 trials" in findings()
     assert "container 'me'" in rejected(f"submit {run} --container me")

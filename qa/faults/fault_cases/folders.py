@@ -132,7 +132,7 @@ for _name, _done, _alter, _words in (
         _edit("results.jsonl", '"success":false', '"success":true '),
         "crc32",
     ),
-    ("doubled-row", "A row stands there twice.", _double, "is there already"),
+    ("doubled-row", "A row stands there twice.", _double, "is listed twice"),
     (
         "altered-seed",
         "The seed in run.json is edited.",

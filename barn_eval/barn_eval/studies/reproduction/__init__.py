@@ -1,1 +1,1 @@
-"""The paper's trials and analyses, run again and written up beside its numbers."""
+"""Run the paper's trials and analyses again and report them beside its numbers."""

@@ -1,6 +1,6 @@
-"""A reproduction of the paper: its run, and all that it finds, as plain data.
+"""A reproduction of the paper: its run, and its findings as plain data.
 
-OUT/campaign/             the paper's trials, a run that is resumed
+OUT/campaign/             the paper's trials, a run that can be resumed
 OUT/results.json          every number; results.md and figures/*.png follow from it
 OUT/results_origin.json   versions, commits and machines
 """
@@ -32,12 +32,12 @@ SCHEMA_VERSION = 5
 
 @dataclass(frozen=True)
 class ReproduceConfig(Checked):
-    """What decides the outcome."""
+    """Settings that determine the findings."""
 
     dataset: str = quantity("barn300", "data set: a name, folder or file")
     strata: int = quantity(
         0,
-        "number of parts of the order, with one world from each; 0: all worlds",
+        "parts of the order of difficulty to draw one world from each; 0: all worlds",
         "",
         0,
         10_000,
@@ -45,7 +45,7 @@ class ReproduceConfig(Checked):
     repetitions: int = quantity(
         paper.REPETITIONS, "trials per world and planner", "", 2, 99
     )
-    seed: int = quantity(0, "all randomness comes from it", "", 0, 2**31)
+    seed: int = quantity(0, "seed of all random numbers", "", 0, 2**31)
 
 
 QUICK = ReproduceConfig(strata=40)
@@ -65,7 +65,7 @@ class Scope:
 
 @dataclass(frozen=True)
 class Findings:
-    """The outcome of a reproduction: equal code and configuration give equal bytes."""
+    """The findings of a reproduction; equal code and configuration give equal ones."""
 
     scope: Scope
     metrics: paper.MetricsFinding
@@ -76,7 +76,7 @@ class Findings:
 
 @dataclass(frozen=True)
 class Origin:
-    """What the sessions of a run and an analysis were made with, each named once."""
+    """Commits, versions and machines of a run's sessions and its analysis, without repeats."""
 
     commits: tuple[str, ...]
     versions: tuple[dict[str, str], ...]
@@ -86,7 +86,7 @@ class Origin:
     def of(cls, run_sessions: Iterable[Mapping[str, Any]]) -> "Origin":
         """Return distinct commits, versions, machines of sessions and this process."""
         sessions = [*run_sessions, provenance()]
-        commits = [str(session["commit"] or "not known") for session in sessions]
+        commits = [str(session["commit"] or "unknown") for session in sessions]
         return cls(
             tuple(dict.fromkeys(commits)),
             _distinct(session["versions"] for session in sessions),
@@ -95,7 +95,7 @@ class Origin:
 
 
 def to_json(content: Findings | Origin) -> str:
-    """Return findings or origin as JSON text, with null for NaN and infinity."""
+    """Return findings or an origin as JSON text, with null for NaN and infinity."""
     safe_content = make_json_safe(as_dict(content))
     return json.dumps(safe_content, indent=1, allow_nan=False) + "\n"
 
@@ -109,19 +109,19 @@ def _distinct(entries: Iterable[dict[str, Any]]) -> tuple[dict[str, Any], ...]:
 def reproduce(
     config: ReproduceConfig, out: Path, execution: ExecutionConfig, reporter: Reporter
 ) -> tuple[Findings, Origin]:
-    """Drive the paper's missing trials in OUT/campaign and analyze all; writes no page.
+    """Run the paper's missing trials in OUT/campaign; return (findings, origin) of all.
 
     Args:
-        config: What decides the outcome.
+        config: Settings that determine the findings.
         out: Folder of the reproduction.
         execution: Workers of the run.
         reporter: Receives notices and progress.
 
     Returns:
-        The findings, and what they were made with.
+        The findings, and the versions and machines that they were made with.
 
     Raises:
-        BarnError: For what the user has to change, before any trial where possible.
+        BarnError: If a setting is wrong, before any trial if possible.
     """
     model = load_model()
     dataset = open_dataset(config.dataset)
@@ -150,7 +150,7 @@ def reproduce(
 
 
 def paper_run(config: ReproduceConfig) -> RunConfig:
-    """Return the configuration of the run of the paper's trials; drives nothing."""
+    """Return the configuration of the run with the paper's trials."""
     world_numbers = open_dataset(config.dataset).world_numbers
     sample = draw_worlds(world_numbers, config.strata, config.seed)
     worlds = "all"
@@ -178,11 +178,11 @@ def draw_worlds(
         seed: Seed of the draws.
 
     Returns:
-        One number per part, or all if there are not more than parts.
+        One number per part, or all numbers if there are no more than parts.
     """
     if strata == 0 or strata >= len(world_numbers):
         return tuple(world_numbers)
-    # A key of its own keeps these draws apart from those of the trials.
+    # A separate key keeps these draws independent of those of the trials.
     generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1,)))
     parts = np.array_split(np.asarray(world_numbers, np.int64), strata)
     return tuple(int(part[int(generator.random() * len(part))]) for part in parts)

@@ -1,4 +1,4 @@
-"""The page of a reproduction and its figures, made from the findings, never edited."""
+"""Write the page of a reproduction and its figures from the findings."""
 
 from pathlib import Path
 
@@ -37,12 +37,9 @@ def write_results(findings: Findings, origin: Origin, folder: Path) -> Path:
     """Write results.md, results*.json and figures/results_*.png; return the .md path.
 
     Args:
-        findings: Outcome of the reproduction.
-        origin: What it was made with.
-        folder: Where to write.
-
-    Returns:
-        Path of the page.
+        findings: Findings of the reproduction.
+        origin: Versions and machines.
+        folder: Folder to write to.
 
     Raises:
         StoreError: If a file cannot be written.
@@ -56,14 +53,11 @@ def write_results(findings: Findings, origin: Origin, folder: Path) -> Path:
 
 
 def page(findings: Findings, origin: Origin) -> str:
-    """Return the text of results.md, rendered from its template; writes nothing.
+    """Return the Markdown text of results.md, rendered from its template.
 
     Args:
-        findings: Outcome of the reproduction.
-        origin: What it was made with.
-
-    Returns:
-        The page as Markdown.
+        findings: Findings of the reproduction.
+        origin: Versions and machines.
     """
     return render(
         "results.md",
@@ -83,14 +77,14 @@ def write_figures(findings: Findings, folder: Path) -> None:
     """Write results_worlds.png and results_model.png; create the folder if missing.
 
     Args:
-        findings: Outcome of the reproduction.
-        folder: Where to write.
+        findings: Findings of the reproduction.
+        folder: Folder to write to.
 
     Raises:
         StoreError: If a file cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    # Style is for making a figure; writing applies it again.
+    # The style applies while a figure is drawn; writing applies it again.
     for name, draw in (("worlds", worlds_figure), ("model", model_figure)):
         with style():
             figure = draw(findings)
@@ -98,7 +92,7 @@ def write_figures(findings: Findings, folder: Path) -> None:
 
 
 def worlds_figure(findings: Findings) -> Figure:
-    """Return Fig. 6: time per meter of worlds from easy to difficult, by planner."""
+    """Return Fig. 6: a panel per planner and of both, time [s/m] from easy to difficult."""
     rows = findings.trials.worlds
     places = np.arange(1, len(rows) + 1)
     figure = new_figure(10.5)
@@ -158,11 +152,11 @@ def model_figure(findings: Findings) -> Figure:
 
 
 def above(interval: Interval, value: float = 0.0) -> str:
-    """Return HOLDS if the limits are above `value`, FAILS if below it, else OPEN.
+    """Return HOLDS if both limits exceed `value`, FAILS if both are below, else OPEN.
 
     Args:
-        interval: The figure with its 95 % interval.
-        value: What it is compared with.
+        interval: A figure with its 95 % interval; without limits, it is OPEN.
+        value: The value to compare with.
     """
     if interval.low is None or interval.high is None:
         return OPEN
@@ -172,10 +166,10 @@ def above(interval: Interval, value: float = 0.0) -> str:
 
 
 def contains(interval: Interval, value: float) -> str:
-    """Return "yes" if `value` lies within the limits, ends included, else "no".
+    """Return "yes" if `value` lies within the limits, inclusive, else "no".
 
     Args:
-        interval: One without limits contains nothing.
+        interval: An interval; one without limits contains nothing.
         value: The value.
     """
     is_within = interval.low is not None and above(interval, value) == OPEN

@@ -1,4 +1,4 @@
-"""What the paper reports: Table II, times, failures, Fig. 6 and the model's errors."""
+"""Compute what the paper reports: Table II, times, failures, Fig. 6, model's errors."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -24,13 +24,13 @@ from barn_worlds.base.arrays import Bools, Floats, Integers
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.datasets.dataset import Dataset
 
-# Of the paper.
+# As in the paper.
 PLANNERS = ("dwa", "eband")
 REPETITIONS = 5
-# A tenth of the worlds: the easiest and the hardest, whose mean times are compared.
+# Share of the worlds that are the easiest or the hardest; their times are compared.
 EXTREME_SHARE = 0.1
 
-# Deviations of very few worlds have no bias correction that could be trusted.
+# For deviations over very few worlds, no bias correction can be trusted.
 _bootstrap_interval = partial(bootstrap.bootstrap_interval, percentile=True)
 
 
@@ -40,7 +40,7 @@ class PlannerTrials:
 
     # Numbers of the worlds (worlds,), ascending.
     worlds: Integers
-    # As the protocol counts them (worlds, repetitions).
+    # Scored by the protocol (worlds, repetitions).
     normalised_s_per_m: Floats
     time_s: Floats
     succeeded: Bools
@@ -55,7 +55,7 @@ class PlannerTrials:
 
 @dataclass(frozen=True)
 class PlannerFinding:
-    """One planner's figures as data/paper.yaml names them, with 95 % intervals."""
+    """One planner's figures, named as in data/paper.yaml, with 95 % intervals."""
 
     planner: str
     trials: int
@@ -68,7 +68,7 @@ class PlannerFinding:
     time_s: Interval
     success_time_s: Interval
     failure_share: Interval
-    # Mean time that a failure counts, None without failures.
+    # Mean scored time of failures [s]; None without failures.
     failure_time_s: float | None
     # Mean times in the easiest and the hardest tenth of the worlds.
     easy_s: float
@@ -77,7 +77,7 @@ class PlannerFinding:
 
 @dataclass(frozen=True)
 class WorldRow:
-    """A world of Fig. 6: figures of each planner's trials and of "both"."""
+    """A world of Fig. 6: figures by planner, and of all trials under "both"."""
 
     world: int
     mean_s_per_m: dict[str, float]
@@ -87,34 +87,31 @@ class WorldRow:
 
 @dataclass(frozen=True)
 class TrialsFinding:
-    """All that the trials say."""
+    """All figures of the trials."""
 
     planners: tuple[PlannerFinding, ...]
     # From easy to difficult.
     worlds: tuple[WorldRow, ...]
-    # Spearman's: of mean and spread of both planners' trials; of the planners' means.
+    # Spearman's rank correlation of mean and spread over both planners' trials, and of
+    # the two planners' means.
     spread_correlation: Interval
     planners_correlation: Interval
     # DWA's spread minus E-Band's [s/m].
     spread_difference: Interval
-    # How much more DWA's time grows than E-Band's, from the easiest to the hardest
-    # tenth.
+    # How much more DWA's time grows than E-Band's from the easiest to the hardest tenth.
     steeper_s: Interval
 
     def of(self, planner: str) -> PlannerFinding:
-        """Return the figures of a planner by name."""
+        """Return the figures of a planner by name; StopIteration if it has none."""
         return next(finding for finding in self.planners if finding.planner == planner)
 
 
 def group_trials(results: Rows, subject: str) -> dict[str, PlannerTrials]:
-    """Return each paper planner's trials as arrays; ConfigError if one is missing.
+    """Return the trials of DWA and E-Band as arrays, by planner.
 
     Args:
         results: Rows of the run.
         subject: Beginning of the error message.
-
-    Returns:
-        Trials by planner.
 
     Raises:
         ConfigError: If a trial is missing.
@@ -132,11 +129,11 @@ def _planner_trials(
 ) -> PlannerTrials:
     """Return a planner's trials as arrays (worlds, repetitions).
 
-    Raises ConfigError if one of them is missing, or there is one per world only.
+    Raises ConfigError if a trial is missing, or there is only one per world.
     """
     scores = {(row.world, row.repetition): row.scores for row in results}
     repetitions = sorted({repetition for _, repetition in scores})
-    # A full grid, since spreads over unequal numbers of trials cannot be averaged.
+    # A full grid, because spreads over unequal numbers of trials cannot be averaged.
     places = list(product(worlds, repetitions))
     missing = [place for place in places if place not in scores]
     if len(repetitions) < 2 or missing:
@@ -144,7 +141,7 @@ def _planner_trials(
         if missing:
             gap = f"trial {missing[0][1]} of world {missing[0][0]}"
         raise ConfigError(
-            f"{subject}: planner {planner!r} lacks {gap}; finish the campaign first"
+            f"{subject}: planner {planner!r} lacks {gap}; finish the run first"
         )
 
     def grid(name: str) -> npt.NDArray[Any]:
@@ -164,20 +161,17 @@ def _planner_trials(
 def summarize_trials(
     planner_trials: Mapping[str, PlannerTrials], seed: int
 ) -> TrialsFinding:
-    """Return figures of DWA and E-Band, of each world, and of their differences.
+    """Return the figures of both planners, of each world, and of their differences.
 
     Args:
         planner_trials: Trials of the run by planner.
-        seed: Seed of intervals.
-
-    Returns:
-        Figures of planners, worlds and their differences.
+        seed: Seed of the bootstrap.
     """
     dwa, eband = (planner_trials[planner].normalised_s_per_m for planner in PLANNERS)
     worlds = planner_trials["dwa"].worlds
-    # As in Fig. 6, all trials of a world count alike, whoever drove them.
+    # As in Fig. 6, all trials of a world count the same, whichever planner drove.
     both = np.concatenate([dwa, eband], axis=1)
-    # Equally difficult worlds are in the order of their numbers.
+    # Equally difficult worlds are ordered by number.
     order = np.lexsort((worlds, both.mean(axis=1)))
     planners = tuple(
         _summarize_planner(planner, trials, order, seed)
@@ -210,7 +204,7 @@ def _summarize_planner(
 ) -> PlannerFinding:
     """Return one planner's figures; `order` holds indices of worlds, easiest first."""
     failed = ~trials.succeeded
-    # Flat, a value per trial; the world of each is in the same order.
+    # Flattened to a value per trial, in the order of `trial_worlds`.
     failures = failed.ravel()
     times_s = trials.time_s.ravel()
     worlds = trials.trial_worlds
@@ -241,9 +235,9 @@ def _extreme_count(worlds: int) -> int:
 
 
 def _steeper_rise(planner_trials: Mapping[str, PlannerTrials], seed: int) -> Interval:
-    """Return how much more DWA's mean time [s] rises with difficulty than E-Band's.
+    """Return how much more DWA's mean time rises with difficulty than E-Band's [s].
 
-    The rise is from the easiest to the hardest tenth of the worlds [s].
+    The rise is from the easiest to the hardest tenth of the worlds.
     """
     dwa, eband = (planner_trials[planner] for planner in PLANNERS)
     dwa_per_m = dwa.normalised_s_per_m.mean(axis=1)
@@ -253,8 +247,8 @@ def _steeper_rise(planner_trials: Mapping[str, PlannerTrials], seed: int) -> Int
     tenth = _extreme_count(len(difficulty))
 
     def rise_s(sample: Integers) -> Floats:
-        """Return the rise for each sample of indices of worlds (..., worlds)."""
-        # The tenths are those of each bootstrap sample of worlds.
+        """Return the rise [s] for each sample of indices of worlds (..., worlds)."""
+        # Each bootstrap sample of worlds has its own tenths.
         order = np.argsort(difficulty[sample], axis=-1, kind="stable")
         ordered_s = np.take_along_axis(difference_s[sample], order, axis=-1)
         hard_s = ordered_s[..., -tenth:].mean(axis=-1)
@@ -265,7 +259,7 @@ def _steeper_rise(planner_trials: Mapping[str, PlannerTrials], seed: int) -> Int
 
 
 def deviation(values: Floats, seed: int) -> Interval:
-    """Return the standard deviation (divisor n) over worlds, with a bootstrap interval.
+    """Return the standard deviation (divisor n) of values, with a bootstrap interval.
 
     Args:
         values: One value per world (worlds,).
@@ -282,24 +276,20 @@ class MetricRow:
 
     name: str
     title: str
-    # Over the cells of all paths; for tortuosity over paths.
+    # Over the cells of all paths; tortuosity is over paths.
     minimum: float
     maximum: float
     mean: Interval
     std: Interval
-    # By the corrected formula. The published one differs from it by a historical
-    # visibility, uneven dispersion and four axes.
+    # By the corrected formula. The published one differs in visibility, dispersion and
+    # the number of axes (four).
     corrected_mean: float
     corrected_std: float
 
 
 @dataclass(frozen=True)
 class MetricsFinding:
-    """Table II of the data set.
-
-    It follows the formula that reproduces the published numbers from the published
-    worlds.
-    """
+    """Table II of a data set, by the formulas that reproduce the published numbers."""
 
     worlds: int
     rows: tuple[MetricRow, ...]
@@ -310,7 +300,7 @@ def summarize_metrics(dataset: Dataset, seed: int) -> MetricsFinding:
 
     Args:
         dataset: The worlds.
-        seed: Seed of intervals.
+        seed: Seed of the bootstrap.
     """
     table = metrics_table(dataset, PUBLISHED)
     corrected_table = metrics_table(dataset, CORRECTED)
@@ -338,11 +328,11 @@ class ModelFinding:
     """Errors of the suite's difficulty model in these worlds, with 95 % intervals."""
 
     title: str
-    # Worlds that it was trained in, none of these.
+    # Number of worlds that it was trained in, none of them among these.
     training_worlds: int
-    # (s/m)^2 in those worlds.
+    # Mean squared error in those worlds [(s/m)^2].
     training_mse: float
-    # Of each world, from easy to difficult as measured [s/m].
+    # Predictions from easy to difficult by measurement [s/m].
     predicted_s_per_m: tuple[float, ...]
     # (s/m)^2
     variance: float
@@ -356,13 +346,13 @@ class ModelFinding:
 def judge_model(
     model: DifficultyModel, dataset: Dataset, rows: Sequence[WorldRow], seed: int
 ) -> ModelFinding:
-    """Return how well a model predicts the difficulty that both planners' trials gave.
+    """Return a model's errors against the difficulty measured by both planners' trials.
 
     Args:
         model: A model that was trained in other worlds.
         dataset: The worlds.
         rows: Mean times by world.
-        seed: Seed of intervals.
+        seed: Seed of the bootstrap.
     """
     worlds = np.array([row.world for row in rows])
     measured = np.array([row.mean_s_per_m["both"] for row in rows])
@@ -371,7 +361,7 @@ def judge_model(
     errors = predicted - measured
 
     def r2(sample: Integers) -> Floats:
-        """Return the share of variance that is explained in each sample of worlds."""
+        """Return the explained share of variance for each sample of worlds."""
         unexplained = (errors[sample] ** 2).mean(axis=-1)
         share: Floats = 1.0 - unexplained / measured[sample].var(axis=-1)
         return share

@@ -107,7 +107,9 @@ def test_without_the_sdk_one_line_says_so(rejected, monkeypatch):
 
 
 def test_a_view_without_bags_is_refused(rejected):
-    message = "error: --view needs bags, which it reads: --bags all or --bags failed, got none\n"
+    message = (
+        "error: --view reads bags and needs --bags all or --bags failed, got none\n"
+    )
     assert rejected("run --worlds 0 --view --out out") == message
 
 

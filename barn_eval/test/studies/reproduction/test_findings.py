@@ -155,7 +155,7 @@ def test_missing_trials_are_named(results):
         if (result.planner, result.world, result.repetition) != ("eband", 30, 1)
     ]
     with refused(
-        "there: planner 'eband' lacks trial 1 of world 30; finish the campaign first"
+        "there: planner 'eband' lacks trial 1 of world 30; finish the run first"
     ):
         group_trials(lacking, "there")
     with refused("planner 'eband' lacks two trials per world"):
