@@ -1,1 +1,1 @@
-"""What results say: statistics, measures, comparisons and rankings."""
+"""Analyze results: statistics, measures, comparisons and rankings."""

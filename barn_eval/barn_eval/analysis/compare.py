@@ -45,7 +45,7 @@ from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.datasets.dataset import open_dataset
 
 _MAX_NAMED_PARAMETERS = 5
-# What two trials of one world and repetition must share, and how a message names it.
+# Fields that paired trials must share, and their names in messages.
 _SHARED_FIELDS = {
     "protocol": "protocols",
     "task": "tasks (protocol, simulator or robot)",
@@ -59,7 +59,7 @@ Selection: TypeAlias = tuple[Source, RowsByPlanner]
 
 @dataclass(frozen=True)
 class PairedMeasure:
-    """A and B compared by one measure, over the trials for which both have a value."""
+    """A and B compared by one measure, over trials in which both have a value."""
 
     key: str
     measure: str
@@ -68,12 +68,12 @@ class PairedMeasure:
     paired: Paired
 
     p_holm: float
-    """The p-value after Holm for all pairs that are compared together."""
+    """The p-value, adjusted by Holm for all pairs that are compared together."""
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """A and B on what they share, under one protocol and task."""
+    """A and B compared on the trials that both have, under one protocol and task."""
 
     a: str
     b: str
@@ -99,7 +99,7 @@ class Comparison:
     """Number of pairs that are compared together."""
 
     notes: tuple[str, ...] = ()
-    """What to know about the folders, such as that a run is not finished."""
+    """Cautions about the folders, such as that a run is not finished."""
 
     robot: str = ""
     """Name of the robot, empty for the Jackal."""
@@ -113,11 +113,11 @@ class Comparison:
         return self.row(self.metric).paired.worlds
 
     def row(self, key: str) -> PairedMeasure:
-        """Return the row of one measure's key."""
+        """Return the row of a measure by its key; StopIteration if it has none."""
         return next(row for row in self.rows if row.key == key)
 
     def columns(self) -> list[dict[str, Any]]:
-        """Return a list of table rows, one dict of column values per measure."""
+        """Return a dict of column values per measure."""
         rows: list[dict[str, Any]] = []
         for row in self.rows:
             paired = row.paired
@@ -147,7 +147,7 @@ def compare(
     label_b: str = "",
     keys: Sequence[str] = COMPARED,
 ) -> Comparison:
-    """Compare two planners, or two settings of one, on trials of equal world and seed.
+    """Compare two planners' results on the trials that both have, by several measures.
 
     Args:
         a: Results of A.
@@ -157,12 +157,12 @@ def compare(
         keys: Keys of measures. The ranking measure is always compared.
 
     Raises:
-        BarnError: The results cannot be paired: their protocols, worlds or seeds
+        BarnError: If the results cannot be paired: their protocols, worlds or seeds
             differ, or they have no trial in common.
     """
     require_pairs(a, b)
     measure = ranking_measure(a)
-    # Conclusions rest on it, whatever else is asked for.
+    # Conclusions rest on the ranking measure, whichever others are asked for.
     if measure.key not in keys:
         keys = (measure.key, *keys)
     nobody_failed = all(column(rows, "scores.success").all() for rows in (a, b))
@@ -170,9 +170,8 @@ def compare(
     for key in with_moving_measures(keys, a, b):
         compared = MEASURES[key]
         larger = compared.better == "larger"
-        # Pairs of the same world and noise: what worlds have in common cancels.
         tested = compared
-        # Without a failure, times of successes are the counted times: equal figures
+        # Without failures, times of successes equal the counted times, and equal figures
         # must not have two p-values.
         if key == "traversal_time_s" and nobody_failed:
             tested = MEASURES["scored_time_s"]
@@ -186,7 +185,7 @@ def compare(
                 unit=compared.unit,
                 larger_is_better=larger,
                 paired=paired,
-                # Until `adjust_by_holm` knows how many pairs there are.
+                # `adjust_by_holm` corrects it once it knows the number of pairs.
                 p_holm=paired.p,
             )
         )
@@ -194,7 +193,7 @@ def compare(
     time_per_meter = MEASURES["normalised_time_s_per_m"]
     times_a = trial_values(a, time_per_meter)
     times_b = trial_values(b, time_per_meter)
-    # All trials count, not only pairs: a correlation of worlds needs no equal noise.
+    # A correlation over worlds needs no equal noise, so trials without a pair count, too.
     correlation = rank_correlation(
         (times_a.values, times_a.worlds), (times_b.values, times_b.worlds)
     )
@@ -213,22 +212,22 @@ def compare(
 
 
 def count_available_worlds(results: Rows) -> int:
-    """Return the size of the first result's data set, 0 if it cannot be opened."""
+    """Return the number of worlds in the first result's data set, 0 if unreadable."""
     try:
         return len(open_dataset(results[0].dataset).world_numbers)
-    # The data set may be a file of another machine; that must not stop an analysis.
+    # A data set that is a file on another machine must not stop an analysis.
     except (BarnError, IndexError, OSError):
         return 0
 
 
 def adjust_by_holm(comparisons: Sequence[Comparison]) -> tuple[Comparison, ...]:
-    """Return comparisons with `p_holm` and `pairs` set for testing all of them.
+    """Return copies of comparisons with `p_holm` and `pairs` set for all of them.
 
-    Holm's correction is made for each measure over all pairs. All comparisons must have
-    the same measures.
+    Holm's correction is per measure, over all pairs. All comparisons must have the same
+    measures.
     """
     p_values_by_measure = []
-    # Each measure is a question of its own, so measures share no correction.
+    # Each measure is a separate question, so there is no correction over measures.
     for rows in zip(*(comparison.rows for comparison in comparisons), strict=True):
         p_values_by_measure.append(holm([row.paired.p for row in rows]))
 
@@ -253,24 +252,24 @@ def compare_folders(
 ) -> list[Comparison]:
     """Read one or two results folders and compare their planners pair by pair.
 
-    Where both folders hold several planners and none is selected, planners of the same
-    name are compared and their labels name the folder.
+    If both folders hold several planners and none is selected, planners of the same name
+    are compared and their labels name the folder.
 
     Args:
         a: A results folder, or FOLDER:PLANNER; its run may be unfinished.
-        b: Another. By default the planners of `a` are compared.
+        b: Another one. By default, the planners of `a` are compared with each other.
         keys: Keys of measures.
-        progress: Receives the share of the pairs that is done, from 0 to 1.
-        selections: What `read_selections` returns for `a` and `b`, if it is read.
+        progress: Called with the share of pairs done, 0 to 1.
+        selections: What `read_selections` returned for `a` and `b`, if read before.
 
     Raises:
-        ConfigError: There is nothing to compare.
+        ConfigError: If there is nothing to compare.
         BarnError: As for `compare`.
     """
     selections = selections or read_selections(a, b)
     source_a, groups_a = selections[0]
     source_b, groups_b = selections[-1]
-    # Before the tasks are compared, so that a wrong planner is named first.
+    # Before tasks are compared, so that a wrong planner is reported first.
     pairs = _pair_planners(a, b, list(groups_a), list(groups_b))
     require_same_task([source_a.path, source_b.path])
     place_a, place_b = _name_folders(source_a.path, source_b.path)
@@ -306,13 +305,13 @@ def _pair_planners(
 ) -> list[tuple[str, str]]:
     """Return pairs (planner of A, planner of B) to compare; ConfigError if none.
 
-    Without B, they are all pairs within A. Else they are the only planner of each, or
-    planners of the same name.
+    Without B, these are all pairs within A. With B, they are the only planner of each
+    folder, or planners of the same name.
     """
     if b is None:
         if len(names_a) < 2:
             raise ConfigError(
-                f"{a}: has one planner only, {', '.join(names_a)}; name a second folder"
+                f"{a}: has only one planner, {', '.join(names_a)}; name a second folder"
             )
         return list(combinations(names_a, 2))
 
@@ -322,39 +321,36 @@ def _pair_planners(
     if not pairs:
         raise ConfigError(
             f"{a} has {', '.join(names_a)} and {b} has {', '.join(names_b)}: "
-            "name them as FOLDER:PLANNER"
+            "select planners as FOLDER:PLANNER"
         )
     return pairs
 
 
 def _name_folders(a: Path, b: Path) -> tuple[str, str]:
-    """Return two folders' names without parents, or their paths if names are equal."""
+    """Return both folders' names without parents, or their paths if names are equal."""
     if a.resolve().name == b.resolve().name:
         return str(a), str(b)
     return a.resolve().name, b.resolve().name
 
 
 def read_selections(a: Path, b: Path | None = None) -> list[Selection]:
-    """Read one or two results folders as `read_selection`, each once."""
+    """Read one or two results folders, with planners selected by `read_selection`."""
     return [read_selection(path) for path in (a, b) if path]
 
 
 def read_selection(path: Path) -> Selection:
-    """Read FOLDER or FOLDER:PLANNER,PLANNER; return it and its scored rows by planner.
+    """Read FOLDER or FOLDER:PLANNER,PLANNER; return (source, scored rows by planner).
 
     Args:
-        path: FOLDER, FOLDER:PLANNER or FOLDER:PLANNER,PLANNER; a table likewise.
-
-    Returns:
-        The folder, and the results by planner.
+        path: FOLDER, FOLDER:PLANNER or FOLDER:PLANNER,PLANNER. A table may take the
+            place of the folder.
 
     Raises:
-        BarnError: The folder has no results.
-        ConfigError: A planner has no results in it.
+        BarnError: If the folder has no results.
+        ConfigError: If a planner has no results in it.
     """
-    # As a path may name planners, the command line and Python take the same texts.
     planners: list[str] = []
-    # A folder may have a colon in its name, so an existing path is taken whole.
+    # A folder may have a colon in its name, so an existing path is taken as it is.
     if not path.exists() and ":" in path.name:
         folder, _, names = str(path).rpartition(":")
         path = Path(folder)
@@ -365,10 +361,7 @@ def read_selection(path: Path) -> Selection:
 
 
 def label_groups(selections: Sequence[Selection]) -> RowsByPlanner:
-    """Return rows of one or two results folders by planner's display name.
-
-    A planner that is in both folders has the folder in its name.
-    """
+    """Return rows by planner's display name, with the folder if both folders have it."""
     names: list[str] = []
     for _, groups in selections:
         names += groups
@@ -383,10 +376,10 @@ def label_groups(selections: Sequence[Selection]) -> RowsByPlanner:
 
 
 def trial_values(results: Rows, measure: Measure) -> TrialValues:
-    """Return values, worlds and repetitions of one planner's results as arrays.
+    """Return one planner's values with worlds, repetitions and any penalties as arrays.
 
-    The arrays are in the order of the results. A value is NaN where the trial has none,
-    or failed and the measure is of successes only.
+    The arrays are in the order of the results. A value is NaN if the trial has none, or
+    if it failed and the measure is of successes only.
 
     Args:
         results: Results of one planner.
@@ -400,7 +393,7 @@ def trial_values(results: Rows, measure: Measure) -> TrialValues:
 
     failure_values = measure.as_failure(results)
     if np.isnan(values).any():
-        # Without those of successes, the mean would be that of failures.
+        # With values missing, the mean would be mostly that of failures.
         values = np.full(len(values), np.nan)
     if not np.isfinite(np.append(failure_values, values)).all():
         return TrialValues(values, worlds, repetitions)
@@ -422,21 +415,20 @@ def require_pairs(a: Rows, b: Rows) -> None:
         b: Results of the other.
 
     Raises:
-        BarnError: Protocol, task, world or seed of a common trial differs, there is no
-            common trial, or one side has several planners.
+        BarnError: If protocol, task, world or seed of a common trial differs, there is
+            no common trial, or one side has several planners.
     """
-    # A repetition has the same simulator seed in each run of equal seed, hence the same
-    # noise.
+    # In runs of equal seed, a repetition has the same simulator seed and noise.
     trials_a = trial_places(a)
     trials_b = trial_places(b)
     if len(trials_a) != len(a) or len(trials_b) != len(b):
         raise BarnError(
-            "results of several planners cannot be compared as one; "
-            "choose a planner of each"
+            "results of several planners cannot be compared as one; select one planner"
+            " of each"
         )
     shared = trials_a.keys() & trials_b.keys()
     if not shared:
-        raise BarnError("the two have no trial of the same world and repetition")
+        raise BarnError("the two have no world and repetition in common")
 
     # In order, so that messages do not depend on hashes.
     keys = sorted(shared)
@@ -471,21 +463,18 @@ def trial_places(results: Rows) -> dict[tuple[int, int], int]:
 def describe_parameter_changes(
     a: Source, planner_a: str, b: Source, planner_b: str
 ) -> str:
-    """Return a sentence on the parameters and files in which two planners differ.
+    """Return a sentence on the parameters and files in which two planners differ, or "".
 
-    Planners of the registry are compared by presets and overrides, others by what their
-    nodes reported and by the SHA-256 of their files. Nothing is said about planners or
-    nodes of different names, and about files of different names only where nothing else
-    differs.
+    Registered planners are compared by presets and overrides, others by the parameters
+    that their nodes reported and the SHA-256 of their files. Planners or nodes with
+    different names are not compared. Files with different names are listed only if
+    nothing else differs.
 
     Args:
         a: Folder of the first planner.
         planner_a: Its name there.
         b: Folder of the second planner.
         planner_b: Its name there.
-
-    Returns:
-        The sentence, empty if nothing differs.
     """
     values_a = _read_parameters(a, planner_a)
     values_b = _read_parameters(b, planner_b)
@@ -501,7 +490,7 @@ def describe_parameter_changes(
             continue
         value_a = values_a.get(key, NOT_SET)
         value_b = values_b.get(key, NOT_SET)
-        changes.append(f"{key} ({value_a} against {value_b})")
+        changes.append(f"{key} ({value_a} or {value_b})")
         if not key.startswith("file ") or (key in values_a and key in values_b):
             comparable.append(changes[-1])
     changes = comparable or changes
@@ -517,16 +506,16 @@ def describe_parameter_changes(
 def _read_parameters(source: Source, planner: str) -> dict[str, Any]:
     """Return values by "PLANNER KEY", "NODE KEY" or "file NAME"; empty if unknown.
 
-    It is empty for folders of other versions, and planners that are not installed.
+    They are unknown for folders of other versions and for planners not installed.
     """
     try:
-        # Fails for none and for two of the name, where no parameters can be told.
+        # Fails unless exactly one planner has the name.
         (choice,) = (c for c in source.run_config.planners if c.name == planner)
         if not choice.registered:
             files = {
                 f"file {name}": digest[:12] for name, digest in choice.files.items()
             }
-            # What nodes reported counts, since launch files may set what no file shows.
+            # Nodes report parameters that launch files set and no file shows.
             return files | read_node_parameters(source.path / LOGS, planner)
         setup = source.run_config.resolve_planner(choice)
         name = choice.entry_name

@@ -1,4 +1,4 @@
-"""How events count physical trials: which attempts count, and against whose time."""
+"""Rank physical trials by the rules of events: which attempts count, and how."""
 
 import math
 from collections.abc import Sequence
@@ -21,9 +21,9 @@ from barn_worlds.base.files import read_package_yaml
 class Convention(Checked):
     """How an event counts the attempts at its courses."""
 
-    best: int = quantity(0, "fastest successes at a course that count; 0: all trials")
+    best: int = quantity(0, "number of fastest successes that count; 0: all trials")
     window_s: float = quantity(
-        0.0, "time from the first attempt at a course; 0: no limit", "s"
+        0.0, "time limit from the first attempt at a course; 0: none", "s"
     )
     reference: str = quantity("", "planner whose fastest success is the reference")
 
@@ -50,33 +50,33 @@ _Courses = dict[tuple[str, int], list[TrialResult]]
 
 @dataclass(frozen=True)
 class Place:
-    """What counts of a planner, over all its courses."""
+    """A planner's counted trials and times, over all its courses."""
 
     planner: str
     courses: int
     attempts: int
-    # Attempts that ended after the window; None where rows do not say when they began.
+    # Attempts that ended after the window; None if rows do not say when they began.
     late: int | None
     # Trials that count, and the mean over courses of their mean time [s].
     counted: int
     time_s: float | None
-    # Mean over courses of the mean time by the reference's; None without one.
+    # Mean over courses of mean time divided by the reference's; None without one.
     over_reference: float | None
 
 
 def rank_by_convention(paths: Sequence[Path], convention: Convention) -> list[Place]:
-    """Rank planners by the trials that count, then by their mean time.
+    """Rank planners by their number of counted trials, then by their mean time.
 
     Args:
-        paths: Results folders of one task, those of the reference among them.
-        convention: What counts.
+        paths: Results folders of one task, including those of the reference.
+        convention: Rules of the event.
 
     Returns:
         The planners without the reference, the best first.
 
     Raises:
-        ConfigError: The tasks differ, or nobody but the reference has trials.
-        BarnError: A folder cannot be read.
+        ConfigError: If tasks differ, or only the reference has trials.
+        BarnError: If a folder cannot be read.
     """
     require_same_task(paths)
     entries = read_entries(paths)
@@ -94,7 +94,7 @@ def rank_by_convention(paths: Sequence[Path], convention: Convention) -> list[Pl
             courses = _by_course(entry.results)
             places.append(_place(entry.label, courses, convention, references_s))
     if not places:
-        raise ConfigError(f"{paths[0]}: has trials of {convention.reference} alone")
+        raise ConfigError(f"{paths[0]}: has only trials of {convention.reference}")
     places.sort(key=lambda place: (-place.counted, place.time_s or math.inf))
     return places
 
@@ -113,7 +113,7 @@ def convention_table(places: Sequence[Place], name: str) -> TextTable:
             text = f"{value:.2f}" if isinstance(value, float) else str(value)
             cells.append("-" if value is None else text)
         rows.append(tuple(cells))
-    title = f"by the convention {name}; late: - where rows do not say when they began"
+    title = f"by the convention {name}; late: - if rows do not say when they began"
     return TextTable("convention", title, _COLUMNS, tuple(rows), texts=2)
 
 
@@ -131,7 +131,7 @@ def _place(
     convention: Convention,
     references_s: dict[tuple[str, int], float],
 ) -> Place:
-    """Return what counts of one planner's trials."""
+    """Return one planner's place: counts of attempts and trials, and mean times."""
     attempts = sum(map(len, courses.values()))
     timely_attempts = 0
     counted = 0
@@ -162,23 +162,23 @@ def _place(
 
 
 def _mean(values: Sequence[float]) -> float | None:
-    """Return the mean; None without values, or if one is unknown."""
+    """Return the mean; None without values, or if one is not finite."""
     if not values or not np.isfinite(values).all():
         return None
     return float(np.mean(values))
 
 
 def _successes_s(rows: Rows) -> list[float]:
-    """Return the times of successes."""
+    """Return the scored times [s] of the successes among rows."""
     return [row.scores.scored_time_s for row in rows if row.scores.success]
 
 
 def select_timely(rows: Rows, window_s: float) -> Rows:
-    """Return the rows whose trials ended in the window, or do not say when they began.
+    """Return the rows whose trials ended in the window, or whose start is unknown.
 
     Args:
         rows: Attempts of one planner at one course.
-        window_s: Time from the start of the first; 0 for no limit.
+        window_s: Length of the window from the first start [s]; 0 for no limit.
     """
     starts_s = {}
     for row in rows:

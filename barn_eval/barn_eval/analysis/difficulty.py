@@ -1,4 +1,4 @@
-"""Worlds from easy to difficult, as trials show it, and bands of them."""
+"""Order worlds from easy to difficult by their trials, and split them into bands."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -48,7 +48,7 @@ class Band:
 
 
 def results_by_world(results: Rows) -> dict[int, list[TrialResult]]:
-    """Return lists of results by world number, worlds and repetitions ascending."""
+    """Return results by world number, with worlds and repetitions ascending."""
     ordered = sorted(results, key=lambda result: (result.world, result.repetition))
     groups = groupby(ordered, lambda result: result.world)
     return {world: list(group) for world, group in groups}
@@ -57,7 +57,7 @@ def results_by_world(results: Rows) -> dict[int, list[TrialResult]]:
 def order_worlds(entries: Sequence[Entry]) -> WorldOrder:
     """Sort world numbers by mean counted time per meter, the quickest world first.
 
-    Only worlds in which every entry has a trial count; where there is none, all do.
+    Only worlds in which every entry has a trial count; if there are none, all count.
     """
     groups = [results_by_world(entry.results) for entry in entries]
     all_worlds = set().union(*groups)
@@ -70,7 +70,7 @@ def order_worlds(entries: Sequence[Entry]) -> WorldOrder:
         for group in groups:
             if world in group:
                 means.append(TIME.values(group[world]).mean())
-        # Of planners, not of trials: one with more repetitions must not weigh more.
+        # A mean of planners: one with more repetitions must not weigh more.
         order.append((float(np.mean(means)), world))
     order.sort()
 
@@ -91,7 +91,7 @@ def make_bands(entries: Sequence[Entry], order: WorldOrder) -> list[Band]:
     Returns:
         The bands, easiest first; none if there are too few worlds for two.
     """
-    # Tests over whole worlds cannot find anything in fewer than three.
+    # With fewer than three worlds, no test over worlds can find a difference.
     count = min(_MAX_BANDS, len(order.worlds) // _MIN_WORLDS_PER_BAND)
     if count < 2:
         return []

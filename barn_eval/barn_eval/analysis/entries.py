@@ -34,7 +34,7 @@ _SLOW_QUANTILE = 0.9
 
 @dataclass(frozen=True, eq=False)
 class Entry:
-    """The trials of one planner of one folder, under a label and color of their own."""
+    """The trials of one planner in one folder, with a label and a color."""
 
     label: str
     color: str
@@ -57,7 +57,7 @@ class Entry:
 
 
 class BoardClass(NamedTuple):
-    """What planners must share, beside their task, to be ranked together."""
+    """What planners must share, besides their task, to be ranked together."""
 
     protocol: str
     system: str
@@ -85,10 +85,10 @@ class BoardClass(NamedTuple):
 
 
 def board_class(entry: Entry) -> BoardClass:
-    """Return what decides with whom an entry can be ranked.
+    """Return the class in which an entry is ranked.
 
     Raises:
-        ConfigError: Its trials have several protocols.
+        ConfigError: If its trials have several protocols.
     """
     protocols = set(column(entry.results, "protocol").tolist())
     if len(protocols) > 1:
@@ -104,17 +104,16 @@ def board_class(entry: Entry) -> BoardClass:
 
 
 def _speed_class_mps(results: Rows) -> float:
-    """Return the upper end [m/s] of the speed class of one planner's highest cap.
+    """Return the upper end [m/s] of one planner's speed class, 0 if no cap is known.
 
-    The classes end at 0.5 m/s, 1 m/s, 2 m/s and so on, and below 0.5 m/s at halves of
-    it. Rows of versions without caps are in class 0.
+    The classes end at 0.5 m/s times a power of two.
     """
-    # A planner that is faster in some worlds belongs among the faster ones.
+    # The highest cap counts, because a planner may be faster in some worlds.
     caps_mps = column(results, "speed_cap_mps").astype(np.float64)
     cap_mps = float(np.nan_to_num(caps_mps).max())
     if not cap_mps:
         return 0.0
-    # A cap at the end of a class belongs to it in spite of rounding.
+    # A cap at the end of a class belongs to that class, despite rounding.
     doublings = math.ceil(math.log2(cap_mps / _SLOWEST_CLASS_MPS) - 1e-9)
     return _SLOWEST_CLASS_MPS * 2.0**doublings
 
@@ -127,10 +126,10 @@ class Computing:
     """Labels of the compute modes; none for rows of versions without them."""
 
     computer: float
-    """Speed of the computer that the scores assume, 1 for the reference computer.
+    """Speed of the computer that the scores assume; 1 is the reference computer.
 
-    A tenth of the trials that charge nothing or what the planner declares need more; 0
-    if there is none.
+    A tenth of the trials with free or declared computing need a faster one. 0 if there
+    are no such trials.
     """
 
     @property
@@ -163,7 +162,7 @@ def computing_of(results: Rows) -> Computing:
     computers = computers[~np.isnan(computers)]
     computer = 0.0
     if len(computers):
-        # Not the highest, since single trials may have met a busy machine.
+        # Not the highest, because single trials may have run on a busy machine.
         computer = float(np.quantile(computers, _SLOW_QUANTILE))
     return Computing(tuple(sorted(modes)), computer)
 
@@ -174,11 +173,11 @@ def read_entries(paths: Sequence[Path]) -> list[Entry]:
     The folder of a sweep stands for the folders of its settings.
 
     Raises:
-        ConfigError: A folder is named twice, holds no run or mixes tasks.
-        BarnError: A file cannot be read.
+        ConfigError: If a folder is named twice, holds no run or mixes tasks.
+        BarnError: If a file cannot be read.
     """
     folders = expand_sweeps(paths)
-    # Twice the same trials would look like twice the evidence.
+    # The same trials twice would look like twice the evidence.
     for path, count in Counter(path.resolve() for path in folders).items():
         if count > 1:
             raise ConfigError(f"{path}: is named twice")
@@ -195,7 +194,7 @@ def entries_of(sources: Sequence[Source]) -> list[Entry]:
 
 
 def label_entries(entries: Sequence[Entry]) -> list[Entry]:
-    """Return copies of entries with new labels and colors, distinct from each other.
+    """Return copies of entries with distinct labels, and colors by planner.
 
     Entries of one planner are labeled by the settings in which they differ, or else by
     their folders.
@@ -223,12 +222,12 @@ def label_entries(entries: Sequence[Entry]) -> list[Entry]:
 
 
 def _distinct_settings(entry: Entry, same_planner: Sequence[Entry]) -> str:
-    """Return as " (KEY=VALUE, ...)" settings that differ among a planner's entries."""
+    """Return " (KEY=VALUE, ...)" of settings that differ among a planner's entries."""
     settings = _planner_settings(entry)
     other_settings = [_planner_settings(other) for other in same_planner]
     texts = []
     for key, value in settings.items():
-        # What all have in common does not tell them apart.
+        # Settings that all entries share do not distinguish them.
         if any(other.get(key) != value for other in other_settings):
             texts.append(f"{key.rpartition('.')[2]}={value}")
     return f" ({', '.join(texts)})" if texts else ""
@@ -237,7 +236,7 @@ def _distinct_settings(entry: Entry, same_planner: Sequence[Entry]) -> str:
 def _planner_settings(entry: Entry) -> dict[str, Any]:
     """Return preset, max_speed_mps and overrides of an entry's planner by key.
 
-    What is missing or malformed in run.json is left out.
+    Anything missing or malformed in run.json is left out.
     """
     choices = planner_choices(entry.source.configuration, entry.planner)
     choice: dict[str, Any] = next(iter(choices), {})

@@ -1,4 +1,4 @@
-"""Planners of many runs, or settings of a sweep, in one order; ties share a rank."""
+"""Rank the planners of many runs, or the settings of a sweep; ties share a rank."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -27,7 +27,7 @@ from barn_eval.trials.identity import fingerprint
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.datasets.dataset import select_worlds
 
-# What planners may be ranked by: the name of the option, and the key of its measure.
+# Measures that can rank planners: value of the option, and key of the measure.
 RANKINGS = {
     "challenge": "challenge",
     "challenge_2022": "challenge_2022",
@@ -40,7 +40,7 @@ _LEAST_SHARE = 0.9
 _SWEEP_MEASURES = ("success", "normalised_time_s_per_m")
 
 
-# What is equal for trials that can be compared.
+# Values that are equal for trials that can be compared.
 TrialKey = tuple[int, str, int, int]
 _KEY_PATHS = ("world", "world_checksum", "campaign_seed", "repetition")
 
@@ -79,7 +79,7 @@ class Board:
     """The tests of all pairs."""
 
     notes: tuple[str, ...]
-    """What to be careful about."""
+    """Cautions for readers."""
 
 
 @dataclass
@@ -90,17 +90,18 @@ class TrialGroup:
     common_trials: set[TrialKey]
 
     def accepts(self, trials: set[TrialKey], least_share: float) -> bool:
-        """Tell whether enough of the largest entry's trials stay common; adds nothing.
+        """Tell whether enough common trials stay if an entry with `trials` joins.
 
         Args:
             trials: Trials of another entry.
-            least_share: Share of the largest entry's that is to stay, at least one.
+            least_share: Share of the largest entry's trials that must stay; at least one
+                trial must.
         """
         shared = len(self.common_trials & trials)
         return shared >= max(1, least_share * len(self.entries[0].results))
 
     def common_entries(self) -> list[Entry]:
-        """Return copies of the entries with only the results that all of them have."""
+        """Return copies of the entries, restricted to the trials that all of them have."""
         entries = []
         for entry in self.entries:
             is_common = [key in self.common_trials for key in _trial_keys(entry)]
@@ -119,18 +120,18 @@ def make_boards(
 ) -> list[Board]:
     """Read results folders and rank their planners, one board per comparable group.
 
-    There is a board for each protocol, system, class of speed caps, way of computing
-    and set of worlds. Planners are in the order of their means. Those without a significant
-    difference, after Holm for all pairs of the board, share a rank.
+    There is a board for each protocol, system, speed class, compute mode and set of
+    worlds. Planners are in the order of their means. Planners share a rank if their
+    difference, adjusted by Holm for all pairs of the board, is not significant.
 
     Args:
         paths: Results folders, or folders of sweeps.
-        ranking: A key of `RANKINGS`. By default the ranking measure of the protocol.
+        ranking: A key of `RANKINGS`. Default: the ranking measure of the protocol.
         worlds: Worlds that count, such as "0-49".
 
     Raises:
-        ConfigError: The ranking is unknown, or two tasks have the name of one protocol.
-        BarnError: A folder cannot be read.
+        ConfigError: If the ranking is unknown, or two tasks name the same protocol.
+        BarnError: If a folder cannot be read.
     """
     if ranking and ranking not in RANKINGS:
         raise ConfigError(f"unknown ranking {ranking!r}{suggest(ranking, RANKINGS)}")
@@ -158,7 +159,7 @@ def make_boards(
                 measure = MEASURES[RANKINGS[ranking]]
             board = make_board(label_entries(group.common_entries()), measure)
             if worlds != "all":
-                text = f"Only worlds that an option selects are ranked: {worlds}."
+                text = f"Only trials in the selected worlds are ranked: {worlds}."
                 board = replace(board, notes=(text, *board.notes))
             boards.append(board)
     return [
@@ -182,11 +183,11 @@ def _name_other_boards(board: Board, boards: Sequence[Board]) -> Iterator[str]:
 
 
 def _require_one_task_per_protocol(classes: Mapping[BoardClass, list[Entry]]) -> None:
-    """Raise ConfigError if entries that share trials and a protocol differ in task.
+    """Raise ConfigError if entries with common trials and one protocol differ in task.
 
-    They may be of different classes: the name of a protocol means one set of rules.
+    Entries of all classes are compared: a protocol's name means one set of rules.
     """
-    # A changed protocol under an old name would look like two comparable boards.
+    # Otherwise a changed protocol under an old name would look like a comparable board.
     entries_by_rules: dict[tuple[str, str], list[Entry]] = {}
     for shared, entries in classes.items():
         rules = (shared.protocol, shared.system)
@@ -219,15 +220,15 @@ def make_board(entries: Sequence[Entry], measure: Measure) -> Board:
 
     Args:
         entries: At least one, with distinct labels.
-        measure: What they are ranked by.
+        measure: Measure to rank by.
 
     Raises:
-        ConfigError: Two entries cannot be ranked together.
+        ConfigError: If two entries cannot be ranked together.
     """
     results = {entry.label: entry.results for entry in entries}
     ranking = rank_results(results, measure)
     entry_by_label = {entry.label: entry for entry in entries}
-    # Computed once: it looks at all pairs.
+    # Computed once, because it compares all pairs.
     ranks = ranking.ranks
     places = []
     for position, label in enumerate(ranking.names):
@@ -244,7 +245,7 @@ def make_board(entries: Sequence[Entry], measure: Measure) -> Board:
                 better_than=tuple(better_than),
                 entry=entry,
                 summary=summarize(entry.results, (*SCORED, "contact_s")),
-                # Readers can tell by it whether two boards rank the same settings.
+                # It shows readers whether two boards rank the same settings.
                 configuration=configuration_hash(entry.source, entry.planner),
                 bags=len(bags.intersection(column(entry.results, "trial_id"))),
             )
@@ -259,20 +260,22 @@ def make_board(entries: Sequence[Entry], measure: Measure) -> Board:
     if larger:
         worlds = count_noun(ranking.worlds, "world")
         notes.insert(
-            0, f"Ranked on the {worlds} that all have; {join_names(larger)} have more."
+            0,
+            f"Ranked by the {worlds} that all planners have;"
+            f" {join_names(larger)} have more.",
         )
     return Board(_title(entries), measure, tuple(places), ranking, tuple(notes))
 
 
 def configuration_hash(source: Source, planner: str) -> str:
-    """Return 12 hex digits of the hash of a run's configuration with this planner only.
+    """Return a hash (12 hex digits) of a run's configuration with only this planner.
 
     Args:
         source: The results folder.
         planner: Name of the planner in it.
     """
     choices = planner_choices(source.configuration, planner)
-    # Other planners of the run do not change what this one did.
+    # Other planners of the run do not affect this one.
     return fingerprint({**source.configuration, "planners": choices})
 
 
@@ -286,8 +289,8 @@ def group_by_common_trials(
         least_share: Share of a group's largest entry that must stay common to all.
 
     Returns:
-        Groups in order of their largest entries. An entry joins the first group of
-        which it leaves enough trials, so that a small run shrinks no board.
+        Groups in the order of their largest entries. An entry joins the first group that
+        keeps enough trials with it, so that a small run does not shrink a board.
     """
     groups: list[TrialGroup] = []
     # Largest first, so that a group's common trials start as wide as possible.
@@ -328,10 +331,9 @@ def _title(entries: Sequence[Entry]) -> str:
 
 
 def sweep_parameters(entries: Sequence[Entry]) -> list[str]:
-    """Return the names of the parameters that a sweep varies, if entries are one.
+    """Return the names of parameters that entries sweep, or [] if they are no sweep.
 
-    The sweep is of one planner, or of the delay of several. The list is empty if the
-    entries are no such settings.
+    A sweep varies parameters of one planner, or one parameter, the delay, of several.
     """
     planners = {entry.planner for entry in entries}
     parameters = list(entries[0].setting)
@@ -346,7 +348,7 @@ def sweep_parameters(entries: Sequence[Entry]) -> list[str]:
 def make_sweep_board(folder: Path) -> Board:
     """Read the folder of a sweep and rank its settings on one board.
 
-    Settings of different speed caps share the board, which then says so.
+    Settings with different speed caps share the board; a note then says so.
 
     Raises:
         BarnError: As for `read_entries`.
@@ -356,7 +358,7 @@ def make_sweep_board(folder: Path) -> Board:
 
 
 def sweep_rows(board: Board) -> list[dict[str, Any]]:
-    """Return a dict per setting, best first; by planner and delay for a latency study.
+    """Return a dict per setting, best first; in a latency study, by planner and delay.
 
     Keys: level_with_best, planner, each parameter, the summary's columns, folder.
     """
@@ -397,19 +399,19 @@ def sweep_table(board: Board) -> TextTable:
     headings = [measure.heading for measure in measures]
     columns = ("planner", *parameters, "against the best", *headings)
     caption = (
-        f"By {board.measure.title}, with 95 % intervals; all pairs of settings tested, "
-        "corrected after Holm. Level: not clearly worse than the best."
+        f"Ranked by {board.measure.title}, with 95 % intervals. All pairs of settings are"
+        " tested, adjusted by Holm. Level: not clearly worse than the best."
     )
     texts = 2 + len(parameters)
     return TextTable("sweep", board.title, columns, tuple(rows), texts, caption)
 
 
 def _order_settings(board: Board) -> list[tuple[int, Place]]:
-    """Return pairs (position in the ranking, place) of settings, best first.
+    """Return (position in the ranking, place) pairs, best first.
 
-    A sweep over the delay is in the order of planners and delays.
+    A sweep over the delay is ordered by planner and delay instead.
     """
-    # Positions are those of the ranking, which its tests refer to.
+    # Tests refer to positions in the ranking.
     places = list(enumerate(board.places))
     if list(board.places[0].entry.setting) == [LATENCY]:
         places.sort(key=lambda p: (p[1].entry.planner, p[1].entry.setting[LATENCY]))

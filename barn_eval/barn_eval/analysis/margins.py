@@ -1,6 +1,6 @@
-"""Non-inferiority: whether B is no worse than A by more than a margin.
+"""Test non-inferiority: whether B is worse than A by at most a margin.
 
-A difference that is not significant does not show that.
+A difference that is not significant does not show this.
 """
 
 from dataclasses import dataclass
@@ -30,8 +30,8 @@ class Margin:
         """Parse "MEASURE:NUMBER" or "MEASURE:PERCENT%", as --fail-if-worse takes it.
 
         Raises:
-            ConfigError: The text names no measure with a better direction, or its
-                margin is neither a number from 0 nor a share.
+            ConfigError: If the text names no measure with a better direction, or the
+                margin is neither a number from 0 nor a percentage.
         """
         key, _, size = text.partition(":")
         if key not in MEASURES or not MEASURES[key].better:
@@ -45,7 +45,7 @@ class Margin:
         except ValueError:
             margin = -1.0
         if not 0.0 <= margin < float("inf"):
-            rule = "must be MEASURE:MARGIN, a number from 0 or a share such as 5%"
+            rule = "must be MEASURE:MARGIN, with a number from 0 or a share such as 5%"
             raise ConfigError(
                 f"--fail-if-worse {key}: {rule}, got {format_value(size)}"
             )
@@ -56,7 +56,7 @@ class Margin:
 
 @dataclass(frozen=True)
 class MarginTest:
-    """Whether B is worse than A by more than a margin."""
+    """The result of testing whether B is worse than A by more than a margin."""
 
     a: str
     b: str
@@ -80,7 +80,7 @@ class MarginTest:
 
     @property
     def text(self) -> str:
-        """The decision in a clause with margin, measure and upper limit of the loss."""
+        """A clause with decision, margin, measure and upper limit of the loss."""
         measure = MEASURES[self.measure]
         unit = " percentage points" if measure.percent else measure.after
         margin = f"{measure.number(self.margin)}{unit}"
@@ -88,16 +88,16 @@ class MarginTest:
         if self.decision == "worse":
             claim = f"{self.b} is worse than {self.a} by more than {margin}"
         elif self.decision == "not shown":
-            claim = f"it is not shown that {claim}"
+            claim = f"the data do not show that {claim}"
 
-        limit = "none can be given"
+        limit = "unknown"
         if self.high is not None:
             limit = f"{measure.number(self.high)}{unit}"
         return f"{claim} ({measure.title}; upper limit of the loss: {limit})"
 
 
 def decide_margin(comparison: Comparison, margin: Margin) -> MarginTest:
-    """Test B's loss against A on one measure: "not worse", "worse" or "not shown".
+    """Test whether B is worse than A by more than a margin; return the `MarginTest`.
 
     Args:
         comparison: A and B, compared by at least the measure of the margin.
@@ -109,12 +109,12 @@ def decide_margin(comparison: Comparison, margin: Margin) -> MarginTest:
         loss = loss.negate()
     limit = margin.margin
     if margin.relative:
-        # A is the reference: a share of B's mean would move with what is tested.
+        # A share of A's mean, because B's mean changes with what is tested.
         limit = margin.margin * abs(row.paired.mean_a)
 
     decision: Decision = "not shown"
     if loss.low is not None and loss.high is not None:
-        # The whole interval must lie on one side: no proof of harm proves no harm.
+        # The whole interval must lie on one side: a lack of proof is no proof.
         if loss.high <= limit:
             decision = "not worse"
         elif loss.low > limit:

@@ -1,4 +1,4 @@
-"""Observed trials beside simulated ones in the same worlds, which rank with neither."""
+"""Compare observed trials with simulated ones in the same worlds."""
 
 from collections.abc import Iterable, Sequence
 
@@ -26,17 +26,17 @@ _Groups = dict[tuple[str, str], list[TrialResult]]
 
 
 def pair_by_world(measured: Sequence[Entry], simulated: Sequence[Entry]) -> TextTable:
-    """Return a table of times as counted, a row per planner and world that both have.
+    """Return a table of counted times, a row per planner and world that both have.
 
     The last row of each planner has the mean difference over its worlds, with its 95 %
-    interval. Worlds are the same if their obstacles are.
+    interval. Worlds with equal obstacles are the same.
 
     Args:
-        measured: Planners of a system that the suite observed.
-        simulated: Planners of the suite's own simulator.
+        measured: Planners in a system that the suite observed.
+        simulated: Planners in the suite's own simulator.
 
     Raises:
-        ConfigError: Protocols differ, or no planner has a world in common.
+        ConfigError: If protocols differ, or no planner has a world in common.
     """
     measured_groups = _group(measured)
     simulated_groups = _group(simulated)
@@ -85,7 +85,7 @@ def pair_by_world(measured: Sequence[Entry], simulated: Sequence[Entry]) -> Text
 
 
 def _group(entries: Iterable[Entry]) -> _Groups:
-    """Return rows in known worlds by planner and world, in order of the worlds."""
+    """Return rows by (planner, world's checksum), ordered by world; others left out."""
     groups: _Groups = {}
     for entry in entries:
         for row in sorted(entry.results, key=lambda row: row.world):
@@ -96,7 +96,7 @@ def _group(entries: Iterable[Entry]) -> _Groups:
 
 
 def _summarize(rows: Sequence[TrialResult]) -> tuple[float, str]:
-    """Return the mean time as counted [s] and "successes of trials" of rows."""
+    """Return (mean counted time [s], "SUCCESSES of TRIALS") of rows."""
     times_s = [row.scores.scored_time_s for row in rows]
     successes = sum(row.scores.success for row in rows)
     return float(np.mean(times_s)), f"{successes} of {len(rows)}"

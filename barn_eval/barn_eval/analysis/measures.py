@@ -1,7 +1,7 @@
 """The catalog of measures: name, unit and better direction of each figure of a trial.
 
-Tables, comparisons, rankings, pages and figures name measures by their key and write
-values as the catalog says.
+Tables, comparisons, rankings, pages and figures name measures by key and format values
+by the catalog.
 """
 
 import json
@@ -24,17 +24,17 @@ Better = Literal["larger", "smaller", ""]
 
 
 def _numbers(rows: Rows, path: str) -> Floats:
-    """Return a value per row (n,), NaN where it has none."""
+    """Return the numbers in a dotted field of rows (n,); NaN for rows without one."""
     return column(rows, path).astype(np.float64)  # type: ignore[no-any-return]
 
 
 def _failure_s(rows: Rows) -> Floats:
-    """Return the time that a failure counts with [s] (n,)."""
+    """Return per row the time that a failure would count [s] (n,)."""
     return _numbers(rows, "scores.failure_time_s")
 
 
 def _failure_s_per_m(rows: Rows) -> Floats:
-    """Return the time of a failure by the length of the path, NaN if unknown (n,)."""
+    """Return per row the time per meter that a failure would count [s/m], else NaN (n,)."""
     lengths_m = _numbers(rows, "scores.path_length_m")
     lengths_m = np.where(lengths_m == 0.0, math.nan, lengths_m)
     return _failure_s(rows) / lengths_m
@@ -45,7 +45,7 @@ def _nothing(rows: Rows) -> Floats:
     return np.zeros(len(rows))
 
 
-# A failure scores nothing, or takes the time that the protocol sets for it.
+# A failure scores zero, or counts the time that the protocol sets.
 _FAILURE_VALUES: dict[str, Callable[[Rows], Floats]] = {
     "success": _nothing,
     "scored_time_s": _failure_s,
@@ -124,7 +124,7 @@ class Measure:
         values = _numbers(results, self.path)
         if not self.successes_only:
             return values
-        # A collision after two seconds would else count as a quick run.
+        # Otherwise a collision after two seconds would count as a quick trial.
         return np.where(column(results, "scores.success") == 1, values, math.nan)
 
     @property
@@ -143,7 +143,7 @@ class Measure:
         return self.in_heading_unit(interval).text(self.digits)
 
     def number(self, value: float | None) -> str:
-        """Return a value in the heading's unit, not appended, as text; "-" for None."""
+        """Return a value as text in the heading's unit, without the unit; "-" for None."""
         if self.percent and value is not None:
             value = 100.0 * value
         return number(value, self.digits)
@@ -173,7 +173,7 @@ SCORED = tuple(
 MOVING = tuple(
     measure.key for measure in _CATALOG if measure.path.startswith("motion.")
 )
-# What reports and summaries list beside the scores.
+# Measures that reports and summaries list besides the scores.
 DRIVEN = _KEYS[_KEYS.index("driven_m") : _KEYS.index(MOVING[0])]
 COMPARED = (*SCORED, *SHOWN["compared"])
 
@@ -186,7 +186,7 @@ def with_moving_measures(keys: Sequence[str], *groups: Rows) -> tuple[str, ...]:
         *groups: Results of each planner.
     """
     meets_motion = [bool(has_motion(results).any()) for results in groups]
-    # A comparison with a planner that met no motion would have no pairs.
+    # A planner that met no moving obstacle would have no pairs.
     if meets_motion and all(meets_motion):
         return (*keys, *MOVING)
     return tuple(keys)
@@ -196,7 +196,7 @@ def require_measures(names: Sequence[str]) -> tuple[str, ...]:
     """Check that measure keys are in the catalog; return them without repetitions.
 
     Raises:
-        ConfigError: The catalog does not have one of them.
+        ConfigError: If the catalog lacks one of them.
     """
     for name in names:
         if name not in MEASURES:
@@ -209,17 +209,14 @@ def ranking_measure(results: Rows) -> Measure:
     first = results[0]
     if first.metric:
         return MEASURES[first.metric]
-    # Rows of schema 1 do not name it.
+    # Rows of schema 1 do not name the measure.
     if first.protocol == CHALLENGE.name:
         return MEASURES["challenge"]
     return MEASURES["normalised_time_s_per_m"]
 
 
 def clearance_measure(results: Rows) -> Measure:
-    """Return the measure of smallest clearance: to what moves, or to all obstacles.
-
-    Where all trials are among moving obstacles, it is the clearance to these.
-    """
+    """Return the clearance to moving obstacles if all trials have some, else to all."""
     if has_motion(results).all():
         return MEASURES["moving_clearance_m"]
     return MEASURES["min_clearance_m"]

@@ -1,4 +1,4 @@
-"""Warnings about results that are compared."""
+"""Write warnings about results that are compared."""
 
 from collections.abc import Hashable, Iterator, Sequence
 from pathlib import Path
@@ -18,22 +18,19 @@ from barn_eval.trials.result import (
 )
 
 _MAX_NAMED_TRIALS = 5
-# What drives by equal commands have in common.
+# Values that drives with equal commands share.
 _DRIVE_PATHS = ("world_checksum", "simulator_seed", "scores.duration_s")
 
 
 def find_mixture(entries: Sequence[Entry]) -> Iterator[str]:
-    """Yield sentences on what entries that are compared do not have in common.
-
-    That is their class and the suite's commit; their tasks are equal.
-    """
+    """Yield a sentence each if compared entries differ in class or in commits."""
     classes = {entry.label: board_class(entry) for entry in entries}
     if len(set(classes.values())) > 1:
         texts = []
         for label, shared in classes.items():
             words = filter(None, (shared.speed_text, shared.computing))
             texts.append(f"{label} {', '.join(words)}")
-        yield f"Compared across classes that boards rank apart: {'; '.join(texts)}."
+        yield f"Compared across classes that boards rank separately: {'; '.join(texts)}."
 
     folders: dict[str, Path] = {}
     for entry in entries:
@@ -59,12 +56,12 @@ def list_notes(entries: Sequence[Entry]) -> list[str]:
 
 
 def _find_equal_planners(entries: Sequence[Entry]) -> Iterator[str]:
-    """Yield a sentence for two entries that drive by equal commands.
+    """Yield a sentence for each pair of entries with equal commands in some trials.
 
-    They may be copies of one, which would make others' differences less significant.
+    They may be copies, which would make other differences less significant.
     """
-    # Equal commands last equally long. So the files of commands, which are large, are
-    # opened for suspects only.
+    # Drives with equal commands take equally long, so the large files of commands are
+    # only opened for such suspects.
     labels: dict[Hashable, str] = {}
     suspects = set()
     for entry in entries:
@@ -85,13 +82,13 @@ def _find_equal_planners(entries: Sequence[Entry]) -> Iterator[str]:
 
 
 def _drives(rows: Rows) -> Iterator[tuple[Any, ...]]:
-    """Return an iterator over what drives by equal commands have in common."""
+    """Return an iterator over (world's checksum, simulator seed, duration [s]) of rows."""
     columns = [column(rows, path).tolist() for path in _DRIVE_PATHS]
     return zip(*columns, strict=True)
 
 
 def notes_on(source: Source, results: Rows) -> list[str]:
-    """Return warnings on results: missing trials, late commands, slow planners.
+    """Return warnings on one folder's results, such as missing trials or late commands.
 
     Args:
         source: The folder.
@@ -120,22 +117,22 @@ def _describe_observations(path: Path, results: Rows) -> Iterator[str]:
     unknown = np.count_nonzero(np.isnan(contacts))
     if unknown:
         yield (
-            f"{path}: contacts of {unknown} of {len(results)} trials are unknown, as"
-            " nobody reported them, so a success may have touched an obstacle"
+            f"{path}: contacts of {unknown} of {len(results)} trials are unknown, because"
+            " nothing reported them, so a success may have touched an obstacle"
         )
 
 
 def _find_disturbances(path: Path, results: Rows) -> Iterator[str]:
-    """Yield a sentence on trials with late commands and one on trials made again."""
-    # Over ROS a busy machine delays commands, which no score can tell apart from a slow
-    # planner.
+    """Yield a clause on trials with late commands, and one on repeated attempts, if any."""
+    # Over ROS, a busy machine delays commands like a slow planner, and scores cannot tell
+    # which it was.
     missed_shares = column(results, "wall_clock.missed_share")
     late = np.count_nonzero(missed_shares > MAX_MISSED_SHARE)
     if late:
         yield (
             f"{late} of {len(results)} trials in {path} are marked: more than "
             f"{MAX_MISSED_SHARE:.0%} of their control periods had no command in time, "
-            "so they tell of the machine as well as of the planner"
+            "so their scores depend on the machine as well as on the planner"
         )
 
     repeated = take(results, column(results, "wall_clock.attempts") > 1)
@@ -148,20 +145,17 @@ def _find_disturbances(path: Path, results: Rows) -> Iterator[str]:
         if rest > 0:
             names += f" and {rest} more"
         yield (
-            f"{len(repeated)} of {len(results)} trials in {path} were not made at the "
-            f"first attempt: {names}"
+            f"{len(repeated)} of {len(results)} trials in {path} took more than one "
+            f"attempt: {names}"
         )
 
 
 def assumption_text(path: Path, results: Rows) -> str:
-    """Return in one text which planners' scores assume a faster computer.
+    """Return a text that lists planners whose scores assume a faster computer, or "".
 
     Args:
         path: Folder of the results.
         results: Results of any planners.
-
-    Returns:
-        The text, empty if there is no such planner.
     """
     notes = []
     for planner, rows in group_by_planner(results).items():

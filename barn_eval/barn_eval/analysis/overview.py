@@ -1,4 +1,4 @@
-"""What a report says: figures, computed once, and how its results are reproduced."""
+"""Compute the figures of a report, and the command that reproduces its results."""
 
 import itertools
 import json
@@ -54,9 +54,9 @@ from barn_worlds.robots.files import ROBOTS
 
 Jobs = Sequence[Callable[[], Any]]
 
-# All pairs of ten entries; more would make no table that anyone reads.
+# All pairs of ten entries; nobody reads a table of more.
 MAX_PAIRS = 45
-# More pairs than these without a significant difference share one sentence.
+# If more pairs than this have no significant difference, they share one sentence.
 _MAX_NAMED_PAIRS = 3
 
 
@@ -81,10 +81,10 @@ class Overview:
     refusals: tuple[Refusal, ...]
 
     conclusion: Conclusion | None
-    """By the ranking measure; None where `refusals` says why there is none."""
+    """By the ranking measure; None if `refusals` says why there is none."""
 
     where: Mapping[str, str]
-    """By band, which planners differ in its worlds."""
+    """By name of a band, a sentence on which planners differ in its worlds."""
 
     why: Sequence[str]
     """Sentences on the measures in which planners differ."""
@@ -101,10 +101,10 @@ def analyze(
     Args:
         entries: Planners of one task, at least one.
         order: Their worlds from easy to difficult.
-        run: Calls jobs, the longest first, and returns what they return.
+        run: Calls jobs, which have the longest first, and returns their results.
         keys: Keys of further measures.
     """
-    # Comparisons take longest, so they come first among the jobs.
+    # Comparisons take the longest, so they come first.
     pairs = list(itertools.combinations(entries, 2))[:MAX_PAIRS]
     groups = [entry.results for entry in entries]
     summary_keys = with_moving_measures(SCORED + DRIVEN, *groups)
@@ -124,10 +124,10 @@ def analyze(
             refusals.append(figure)
         else:
             unadjusted.append(figure)
-    # Only now, as the correction needs all pairs.
+    # The correction needs all pairs.
     comparisons = adjust_by_holm(unadjusted)
     conclusion = None
-    # The refusals say why there is none.
+    # Without a conclusion, the refusals say why.
     with suppress(BarnError):
         results = {entry.label: entry.results for entry in entries}
         conclusion = conclude_results(results, comparisons)
@@ -155,15 +155,15 @@ def conclude_bands(entries: Sequence[Entry], bands: Sequence[Band]) -> dict[str,
         bands: Bands of their worlds.
 
     Returns:
-        A sentence by name of the band, without bands in which planners share no trial;
-        empty for a single planner.
+        A sentence by name of the band. Bands without common trials are left out; there
+        are no sentences for a single planner.
     """
     if len(entries) < 2 or not bands:
         return {}
     measure = ranking_measure(entries[0].results)
     rankings = {}
     for band in bands:
-        # Bands are of worlds, not of trials, so every planner meets the same ones.
+        # Bands consist of worlds, not trials, so all planners have the same ones.
         worlds = set(band.worlds)
         results = {}
         for entry in entries:
@@ -173,8 +173,8 @@ def conclude_bands(entries: Sequence[Entry], bands: Sequence[Band]) -> dict[str,
         with suppress(ConfigError):
             rankings[band.name] = rank_results(results, measure)
 
-    # One correction for all bands: the more places one looks at, the more differ by
-    # chance.
+    # One correction for all bands, because the more bands are tested, the more of them
+    # differ by chance.
     p_values = []
     for ranking in rankings.values():
         p_values += [ranking.differences[pair].p for pair in ranking.p]
@@ -187,9 +187,10 @@ def conclude_bands(entries: Sequence[Entry], bands: Sequence[Band]) -> dict[str,
 
 
 def explain_differences(comparisons: Sequence[Comparison]) -> list[str]:
-    """Return sentences on the measures in which each compared pair differs.
+    """Return sentences on the measures in which each compared pair differs, or does not.
 
-    Many pairs without a significant difference share one sentence.
+    Many pairs without a significant difference share one sentence. Sentences on
+    differing parameters follow, unless there are many pairs.
     """
     sentences = []
     different = []
@@ -203,7 +204,7 @@ def explain_differences(comparisons: Sequence[Comparison]) -> list[str]:
             equal_claims.append(claim)
 
     parameters = []
-    # The labels of many settings say already what differs.
+    # Many pairs are settings, whose labels already say what differs.
     if len(comparisons) <= _MAX_NAMED_PAIRS:
         for comparison in comparisons:
             if comparison.parameters:
@@ -218,7 +219,7 @@ def explain_differences(comparisons: Sequence[Comparison]) -> list[str]:
 
 
 def _explain_difference(comparison: Comparison) -> tuple[str, bool]:
-    """Return the predicate "differ clearly in ..." of a pair, and whether they do."""
+    """Return (predicate "differ clearly in ..." or "do not ...", whether they differ)."""
     clear = []
     unclear = []
     for row in comparison.rows:
@@ -249,7 +250,7 @@ def make_tables(
     Args:
         entries: Planners of the report.
         overview: Its figures.
-        keys: Keys of the measures of the headline. By default rates, times and scores.
+        keys: Keys of the measures of the headline. Default: rates, times and scores.
     """
     summaries = overview.summaries
     measure = ranking_measure(entries[0].results)
@@ -267,7 +268,7 @@ def make_tables(
 
 
 def _compare_entries(a: Entry, b: Entry, keys: Sequence[str]) -> Comparison | Refusal:
-    """Return two entries' comparison before Holm, or a Refusal that says why not."""
+    """Return two entries' comparison, not adjusted by Holm, or why there is none."""
     try:
         comparison = compare(a.results, b.results, a.label, b.label, keys)
         parameters = describe_parameter_changes(
@@ -280,7 +281,7 @@ def _compare_entries(a: Entry, b: Entry, keys: Sequence[str]) -> Comparison | Re
 
 @dataclass(frozen=True)
 class Reproduction:
-    """How results are made again."""
+    """How to reproduce results; without a command, `note` says why not."""
 
     command: str
 
@@ -288,7 +289,7 @@ class Reproduction:
     """The protocol as YAML if it is not one of the suite's."""
 
     note: str = ""
-    """What the command cannot say."""
+    """What the command cannot express."""
 
 
 def reproduce(source: Source) -> Reproduction:
@@ -302,7 +303,7 @@ def reproduce(source: Source) -> Reproduction:
     for planner in run.planners:
         text = planner.entry_text
         planners.append(f"{planner.name}={text}" if planner.entry else text)
-    # All that decides results is named, defaults too: those may change.
+    # The command names all that affects results; even defaults may change.
     words = ["barn", "run", "--dataset", run.dataset, "--worlds", run.worlds]
     words += ["--repetitions", str(run.repetitions), "--seed", str(run.seed)]
     words += ["--mode", run.mode, "--planners", ",".join(planners), "--bags", run.bags]
@@ -313,28 +314,28 @@ def reproduce(source: Source) -> Reproduction:
         if planner.command:
             words += ["--planner-command", f"{planner.name}={planner.command}"]
 
-    # A protocol of the user's may have the name of one of the suite's.
+    # A user's protocol may have the name of one of the suite's.
     is_shipped_protocol = PROTOCOLS.get(run.protocol.name) == run.protocol
     protocol = run.protocol.name if is_shipped_protocol else "protocol.yaml"
     words += ["--protocol", protocol]
     objects = [planner.name for planner in run.planners if planner.source]
     if objects:
         names = ", ".join(objects)
-        notes.append(f"Given as Python objects, not by a command: {names}.")
+        notes.append(f"These planners are Python objects, not commands: {names}.")
 
     robot = ROBOTS.get(source.robot)
     if source.robot:
-        # A robot file may have changed since; then the name alone would mislead.
+        # The suite's robot of this name may have changed since.
         if robot is not None and robot.chassis == source.chassis:
             words += ["--robot", source.robot]
         else:
             words += ["--robot", f"{source.robot}.yaml"]
             robot = robot_of(run.simulator)
             notes.append(
-                f"Robot {source.robot} is from a file, which is not kept with results."
+                f"Robot {source.robot} is from a file that results do not keep."
             )
 
-    # Against what this command would use by itself, not against the class's defaults.
+    # Compared with what this command would use by itself, not with class defaults.
     standard = simulator_config(run.protocol, None, robot)
     words += _option_words("--sim", run.simulator, standard)
     words += _option_words("--ros", run.ros, RosConfig())
@@ -347,18 +348,18 @@ def reproduce(source: Source) -> Reproduction:
 
 
 def _why_not_reproduced(source: Source) -> str:
-    """Return why no command repeats a folder's run, "" if one does."""
+    """Return why no command can repeat a folder's run, or "" if one can."""
     try:
         system = source.run_config.system
     except BarnError as error:
-        return f"this version of the suite does not read the configuration: {error}"
+        return f"this version of the suite cannot read the configuration: {error}"
     if system.is_observed:
         return f"observed in {system.label}, not driven again"
     return ""
 
 
 def _option_words(option: str, config: Checked, standard: Checked) -> list[str]:
-    """Return words OPTION NAME=JSON for each field that differs from `standard`."""
+    """Return [OPTION, NAME=JSON, ...] with each field that differs from `standard`."""
     standard_values = {name: value for name, _, value in fields_of(standard)}
     words = []
     for name, _, value in fields_of(config):

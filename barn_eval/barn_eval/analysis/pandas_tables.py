@@ -1,4 +1,4 @@
-"""Tables for Python users: pandas columns that have the same types in every table."""
+"""Tables for Python users, whose pandas columns always have the same types."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -27,12 +27,11 @@ def pandas_table(rows: Iterable[Mapping[str, Any]], **types: str) -> pd.DataFram
     """Return dict rows as a DataFrame with fixed column types, float64 by default.
 
     Args:
-        rows: Values by column; a number that a row lacks becomes NaN.
-        **types: pandas types of columns that the suite has no rule for. By default a
-            column holds floating-point numbers.
+        rows: Values by column; a missing number becomes NaN.
+        **types: pandas types of columns that the suite has no rule for.
     """
-    # pandas infers types from the values, so a column of only missing figures or whole
-    # numbers would have another type than usual.
+    # pandas infers types from values, so a column with only missing values or whole
+    # numbers would get another type than usual.
     table = pd.DataFrame(list(rows))
     column_types = {
         **dict.fromkeys(_TEXT_COLUMNS, "string"),

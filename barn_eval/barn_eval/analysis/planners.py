@@ -12,7 +12,7 @@ _SPELLINGS = {
     "policy": "policy",
 }
 _SUITE_COLORS = dict(zip(_SPELLINGS, PLANNERS, strict=False))
-# In the order in which other planners take them.
+# Colors for other planners, in the order in which they are assigned.
 _FREE_COLORS = (*PLANNERS[len(_SPELLINGS) :], *PLANNERS[: len(_SPELLINGS)])
 
 
@@ -24,9 +24,9 @@ def spelling(planner: str) -> str:
 def assign_colors(planners: Sequence[str]) -> list[str]:
     """Return a palette color for each planner name, in the order of the names.
 
-    The suite's planners always have the same color. Other planners, and a planner that
-    appears again, take the remaining colors in order, a light one after a dark one and
-    the other way round. After seven planners colors repeat.
+    The suite's planners always have the same colors. Other planners, and repeated ones,
+    take the remaining colors in order, alternating light and dark. After seven planners,
+    colors repeat.
     """
     fixed_colors: list[str | None] = []
     for position, name in enumerate(planners):
@@ -45,7 +45,7 @@ def assign_colors(planners: Sequence[str]) -> list[str]:
         if fixed:
             colors.append(fixed)
             continue
-        # Neighbors differ in lightness, so that print in gray tells them apart.
+        # Neighbors differ in lightness, so that they look different in gray print.
         color = free[0]
         if colors:
             contrasting = [c for c in free if _is_dark(c) != _is_dark(colors[-1])]

@@ -1,4 +1,4 @@
-"""How many worlds and repetitions a precision needs, estimated from results."""
+"""Estimate from results how many worlds and repetitions a precision needs."""
 
 from dataclasses import dataclass
 
@@ -34,15 +34,15 @@ REPETITIONS = (1, 2, 3, 5, 10)
 DEFAULT_SHARE = 0.05
 _SELECTION = "FOLDER:PLANNER,PLANNER"
 _ONE_TRIAL_NOTE = (
-    "With one trial per world nothing is known of how alike the trials of a world are, "
-    "nor of what repetitions would bring: drive some worlds with --repetitions 3 to "
-    "tell."
+    "With one trial per world, the data do not show how similar the trials of a world "
+    "are, nor what repetitions would gain. To find out, drive some worlds with "
+    "--repetitions 3."
 )
 
 
 @dataclass(frozen=True)
 class Figure:
-    """A mean of a planner, or of the difference of two, as results have it."""
+    """The mean of a planner, or of the difference of two, and its variance."""
 
     of: str
     """Planner, or the difference of two as "A - B"."""
@@ -63,7 +63,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Need:
-    """How many worlds a precision needs."""
+    """The number of worlds that a precision needs."""
 
     of: str
     """As in `Figure`."""
@@ -72,9 +72,9 @@ class Need:
     """Either "half_width" or "difference"."""
 
     wanted: float
-    """Half the width of the 95 % interval of a mean, or a difference to be found.
+    """Half the width of the 95 % interval of a mean, or a difference to detect.
 
-    A difference is found 8 times in 10.
+    A difference is detected in 8 of 10 runs.
     """
 
     repetitions: int
@@ -85,7 +85,7 @@ class Need:
 
 @dataclass(frozen=True)
 class Precision:
-    """How precise results are by a measure, and what more would take."""
+    """How precise results are by a measure, and how many worlds more precision needs."""
 
     measure: str
     """Key of the measure."""
@@ -106,19 +106,19 @@ def estimate_precision(
     measure_key: str = "",
     repetitions: int | None = None,
 ) -> Precision:
-    """Estimate how many worlds means and a difference need to be so precise.
+    """Estimate how many worlds a mean's interval or a difference of two means needs.
 
     Args:
-        results: Results by planner. A difference is of two planners.
+        results: Results by planner. With two planners, their difference is estimated.
         width: Half the width that the interval of a mean may have, in the unit of the
-            measure. By default 5 % of the mean.
-        size: Difference to be found, in the unit of the measure. By default 5 % of the
-            first mean.
-        measure_key: Key of the measure. By default the ranking measure.
-        repetitions: Trials per world. By default several numbers are tried.
+            measure. Default: 5 % of the mean.
+        size: Difference to detect, in the unit of the measure. Default: 5 % of the first
+            mean.
+        measure_key: Key of the measure. Default: the ranking measure.
+        repetitions: Trials per world. By default, several numbers are tried.
 
     Raises:
-        BarnError: The estimate cannot be made.
+        BarnError: If the estimate cannot be made.
     """
     _require_pair_for(size, results)
     measure = ranking_measure(next(iter(results.values())))
@@ -141,7 +141,7 @@ def estimate_precision(
         trials = trials.at(np.flatnonzero(np.isfinite(trials.values)))
         figure = _make_figure(spelling(name), trials, trials.parts(), measure)
         figures.append(figure)
-        # The same relative precision for each planner, however quick it is.
+        # All planners get the same relative precision, however quick they are.
         mean_width = width or DEFAULT_SHARE * abs(figure.mean)
         for count in counts:
             worlds = worlds_for_half_width(figure.parts, mean_width, count)
@@ -161,19 +161,18 @@ def estimate_precision(
         notes.append(_ONE_TRIAL_NOTE)
     if len(results) > 2:
         notes.append(
-            f"For a difference choose two of the {len(results)} planners as "
+            f"For a difference, select two of the {len(results)} planners as "
             f"{_SELECTION}."
         )
     if any(_is_beyond(need, available) for need in needs):
         notes.append(
-            f"The set has {available} worlds: where more are needed it cannot tell; "
-            "barn worlds generate makes more."
+            f"The data set has only {available} worlds; barn worlds generate makes more."
         )
     return Precision(measure.key, tuple(figures), tuple(needs), tuple(notes), available)
 
 
 def figures_table(precision: Precision) -> TextTable:
-    """Return the components of variance, a figure per row."""
+    """Return a text table of means and components of variance, a figure per row."""
     measure = MEASURES[precision.measure]
     # A variance is in the square of the heading's unit.
     scale = 100.0 if measure.percent else 1.0
@@ -198,18 +197,20 @@ def figures_table(precision: Precision) -> TextTable:
         "trials in worlds",
     )
     caption = " ".join(precision.notes)
-    return TextTable("variance", "What there is", columns, tuple(rows), caption=caption)
+    return TextTable(
+        "variance", "Precision so far", columns, tuple(rows), caption=caption
+    )
 
 
 def needs_table(precision: Precision) -> TextTable:
-    """Return how many worlds are needed, a number of repetitions per row."""
+    """Return a text table of needed worlds, a number of repetitions per row."""
     measure = MEASURES[precision.measure]
     cells: dict[str, dict[int, str]] = {}
     for need in precision.needs:
         wanted_text = measure.number(need.wanted)
         question = f"{need.of} to +- {wanted_text}"
         if need.kind == "difference":
-            question = f"{need.of} of {wanted_text} to be found"
+            question = f"{need.of}: detect {wanted_text}"
         text = str(need.worlds or "over a million")
         if _is_beyond(need, precision.available):
             text = f"over {precision.available}"
@@ -226,29 +227,29 @@ def needs_table(precision: Precision) -> TextTable:
 
 
 def _require_pair_for(wanted_difference: float | None, results: RowsByPlanner) -> None:
-    """Raise ConfigError if a difference is asked for of other than two planners."""
+    """Raise ConfigError if a difference is wanted and there are not two planners."""
     if wanted_difference is not None and len(results) != 2:
         raise ConfigError(
-            f"a difference needs two planners; there are {len(results)}: "
-            f"{', '.join(results)}; choose two as {_SELECTION}"
+            f"a difference needs two planners, got {len(results)}: "
+            f"{', '.join(results)}; select two as {_SELECTION}"
         )
 
 
 def _is_beyond(need: Need, available: int) -> bool:
-    """Tell whether a need exceeds the worlds of a data set of known size."""
+    """Tell whether a need exceeds the `available` worlds, if these are known."""
     return bool(available) and (need.worlds is None or need.worlds > available)
 
 
 def _make_pair_figure(results: RowsByPlanner, measure: Measure) -> Figure:
-    """Return the mean difference of two planners."""
+    """Return the mean difference of two planners over their common trials."""
     (a, rows_a), (b, rows_b) = results.items()
-    # Pairs of other tasks would have differences that no world explains.
+    # Between different tasks, worlds would not explain the differences.
     require_pairs(rows_a, rows_b)
     left, right = matched_trials(
         [trial_values(rows_a, measure), trial_values(rows_b, measure)]
     )
-    # The variance of the differences counts: it is far below that of either planner, as
-    # hard worlds are hard for both.
+    # The variance of the differences is far below that of either planner, because hard
+    # worlds are hard for both.
     gaps = TrialValues(left.values - right.values, left.worlds, left.repetitions)
     name = f"{spelling(a)} - {spelling(b)}"
     return _make_figure(name, gaps, difference(left, right).parts, measure)
@@ -257,14 +258,14 @@ def _make_pair_figure(results: RowsByPlanner, measure: Measure) -> Figure:
 def _make_figure(
     name: str, trials: TrialValues, components: Components, measure: Measure
 ) -> Figure:
-    """Return the mean of trials; ConfigError if they are of one world only."""
+    """Return the mean of trials and its variance; ConfigError if from one world only."""
     worlds = len(np.unique(trials.worlds))
     if worlds < 2:
         raise ConfigError(
-            f"{name}: {count_noun(worlds, 'world')} with {measure.label} cannot say "
+            f"{name}: {count_noun(worlds, 'world')} with {measure.label} cannot show "
             "how worlds differ"
         )
-    # Unfinished runs have unequal worlds; the formula needs one number.
+    # In unfinished runs, worlds differ in trials, but the formula needs one number.
     repetitions = max(1, round(len(trials.values) / worlds))
     return Figure(
         of=name,

@@ -1,9 +1,9 @@
-"""Two planners compared while trials come in, with one error over all looks.
+"""Compare two planners while trials come in, with one error rate over all looks.
 
-The chance of a false alarm is spent over the looks as the bounds of O'Brien and Fleming
-do (Lan and DeMets 1983, "Discrete sequential boundaries for clinical trials"). It is
+The chance of a false alarm is spent over the looks by the bounds of O'Brien and Fleming
+(Lan and DeMets 1983, "Discrete sequential boundaries for clinical trials"). It is
 counted in patterns of signs of whole worlds, as in `significance.paired_difference`,
-not by the normal distribution.
+instead of by the normal distribution.
 """
 
 import math
@@ -20,9 +20,9 @@ from barn_metrics.bootstrap import Interval
 from barn_worlds.base.arrays import Floats, Integers
 
 LOOKS = 5
-# A look is futile if the last look would be clear with less than this chance.
+# A look is futile if the chance that the last look is significant is below this.
 _FUTILE_CHANCE = 0.1
-# Before half of the worlds the trend says too little about that chance.
+# With fewer than half of the worlds, the trend says too little about that chance.
 _MIN_FUTILE_SHARE = 0.5
 
 Decision = Literal["better", "worse", "futile", "continue", "open"]
@@ -30,17 +30,17 @@ Decision = Literal["better", "worse", "futile", "continue", "open"]
 
 @dataclass(frozen=True)
 class LookResult:
-    """What a look says about B against A."""
+    """The result of a look at B compared with A."""
 
-    # B is "better" or "worse"; "futile" if a later look would hardly show either;
-    # "continue" until the next look; "open" if the last look is not clear.
+    # B is "better" or "worse"; "futile" if a later look is unlikely to show either;
+    # "continue" until the next look; "open" if the last look is not significant.
     decision: Decision
 
     worlds: int
     """Number of worlds of the look, 0 before the first."""
 
     difference: Interval
-    """B - A over these worlds, with its interval as if this were the only look."""
+    """B - A over these worlds, with the interval of a single look."""
 
 
 def plan_looks(worlds: int) -> list[int]:
@@ -60,9 +60,9 @@ def decide(
 ) -> LookResult:
     """Test B against A at each look; return the first that decides, or the last one.
 
-    A look decides if its sum of differences is beyond a bound that equal planners reach
-    in at most 5 % of all comparisons, at this look or an earlier one, and if failures
-    that did not occur would not turn the sign.
+    A look decides if its sum of differences exceeds a bound that equal planners reach in
+    at most 5 % of all comparisons, at this look or an earlier one, and if failures that
+    did not occur would not change the sign.
 
     Args:
         a: Trials of A.
@@ -76,7 +76,7 @@ def decide(
     position = {world: number for number, world in enumerate(order)}
     arrivals: Integers = np.array([position[w] for w in a.worlds.tolist()], np.int64)
     gaps = b.values - a.values
-    # Signs are flipped for whole worlds: the trials of one are not independent.
+    # Signs are flipped for whole worlds, because trials of a world are not independent.
     sums: Floats = np.bincount(arrivals, gaps, minlength=looks[-1]).astype(np.float64)
     worlds_done = len(np.unique(arrivals))
 
@@ -91,8 +91,8 @@ def decide(
         share = look / looks[-1]
         sizes = np.abs(patterns[:, :look] @ sums[:look])
         sizes = np.where(is_alive, sizes, -1.0)
-        # The patterns with the largest sums cross the bound, as many as the error
-        # allows by now; of equal sums all cross or none.
+        # The patterns with the largest sums cross the bound, as many as the error allows
+        # so far. Of equal sums, all cross or none.
         allowed = math.floor((_error_to_spend(share) - error_spent) * len(sizes))
         bound = np.sort(sizes)[::-1][allowed]
         is_crossing = sizes > bound
@@ -102,7 +102,7 @@ def decide(
         has_crossed = has_crossed or bool(is_crossing[0])
 
         done = np.flatnonzero(arrivals < look)
-        # The bound knows nothing of failures that did not occur; this test does.
+        # Unlike the bound, this test allows for failures that did not occur.
         test = difference(b.at(done), a.at(done), flips=flips)
         decision: Decision = "open" if look == looks[-1] else "continue"
         if has_crossed and test.p <= ALPHA:
@@ -122,21 +122,21 @@ def decide(
 
 
 def _error_to_spend(share: float) -> float:
-    """Return the error allowed by the time that a share (0 to 1) of worlds is done."""
+    """Return the error rate allowed once a share (0 to 1) of the worlds is done."""
     return 2.0 * float(
         scipy.special.ndtr(scipy.special.ndtri(ALPHA / 2.0) / math.sqrt(share))
     )
 
 
 def _conditional_power(sums: Floats, share: float) -> float:
-    """Return the probability that the last look is clear if the trend goes on.
+    """Return the probability that the last look is significant if the trend goes on.
 
     Args:
-        sums: Sum of the differences of each world that is done (m,).
-        share: Share of the planned worlds that these are, below 1.
+        sums: Sum of differences of each world that is done (m,).
+        share: Share of the planned worlds that is done, below 1.
     """
     size = math.sqrt(float(sums @ sums))
     z = abs(float(sums.sum())) / size if size > 0.0 else 0.0
-    # By the trend so far, as B-values have it (Lan and Wittes 1988).
+    # By the trend so far, with B-values (Lan and Wittes 1988).
     expected = z / math.sqrt(share) + scipy.special.ndtri(ALPHA / 2.0)
     return float(scipy.special.ndtr(expected / math.sqrt(1.0 - share)))

@@ -1,7 +1,7 @@
-"""Shares and differences whose uncertainty respects that trials of a world are alike.
+"""Shares and differences whose uncertainty allows for similar trials within a world.
 
-Functions take one value per trial and, beside it, the number of its world. A world is
-the unit of sampling throughout.
+Functions take one value per trial and the number of its world. A world is the unit of
+sampling throughout.
 """
 
 import math
@@ -16,16 +16,16 @@ import scipy
 from barn_metrics.bootstrap import LEVEL, Interval, number
 from barn_worlds.base.arrays import Floats, Integers
 
-# A difference is significant from this p-value down.
+# A difference is significant if its p-value is at most this.
 ALPHA = 1.0 - LEVEL
 POWER = 0.8
 FLIPS = 10_000
 
-# Up to so many worlds a test tries all sign patterns, 8192 at most.
+# Up to this number of worlds, a test tries all sign patterns, at most 8192.
 _MAX_ENUMERATED_WORLDS = 13
-# Share of a sum by which it may be rounded differently for another order of signs.
+# Relative difference that rounding may cause between orders of summation.
 _ROUNDING = 1e-9
-# Fewer worlds than these say too little about how alike the trials of a world are.
+# Fewer worlds say too little about how similar the trials of a world are.
 _MIN_INFORMATIVE_WORLDS = 3
 _MAX_WORLDS = 1_000_000
 _HIGH_SHARE = 0.97
@@ -33,7 +33,7 @@ _HIGH_SHARE = 0.97
 
 @dataclass(frozen=True)
 class Components:
-    """Variance of a figure, or of a paired difference, by where it comes from."""
+    """Variance of a figure or of a paired difference, between and within worlds."""
 
     between: float
     """Variance between worlds."""
@@ -44,14 +44,14 @@ class Components:
     unseen: tuple[float, ...] = ()
     """Cost of a failure for each planner that has not failed yet.
 
-    The variance knows nothing of such failures.
+    The variance does not include such failures.
     """
 
     def standard_error(self, worlds: int, repetitions: int) -> float:
         """Return the standard error of a mean over `worlds` * `repetitions` trials.
 
         Args:
-            worlds: Number of worlds that the mean is over.
+            worlds: Number of worlds.
             repetitions: Number of trials in each world.
         """
         return math.sqrt((self.between + self.within / repetitions) / worlds)
@@ -60,7 +60,7 @@ class Components:
 def variance_components(values: Floats, worlds: Integers) -> Components:
     """Return the variances between and within worlds, by ANOVA (Searle 1971).
 
-    With one trial per world all variance counts as variance between worlds.
+    With one trial per world, all variance counts as variance between worlds.
 
     Args:
         values: One value per trial (n,).
@@ -72,8 +72,8 @@ def variance_components(values: Floats, worlds: Integers) -> Components:
     groups = len(counts)
     means = np.bincount(world, values) / counts
 
-    # One trial a world says nothing of the variance within; all of it counts as
-    # variance between worlds, which is what a mean over worlds needs.
+    # One trial per world shows no variance within. Counting all as variance between
+    # worlds is right for a mean over worlds.
     if trials == groups:
         variance = float(np.var(values, ddof=1)) if trials > 1 else math.nan
         return Components(variance, 0.0)
@@ -83,14 +83,14 @@ def variance_components(values: Floats, worlds: Integers) -> Components:
 
     deviations = (means - np.mean(values)) ** 2
     mean_square = float(np.sum(counts * deviations)) / (groups - 1)
-    # The number of trials per world that stands for worlds of unequal size.
+    # The effective number of trials per world if worlds differ in trials.
     size = (trials - float(np.sum(counts**2)) / trials) / (groups - 1)
-    # The estimate may be negative by chance; a variance cannot.
+    # By chance, the estimate may be negative, but a variance cannot.
     return Components(max(0.0, (mean_square - within) / size), within)
 
 
 def t_quantile(p: float, freedom: int) -> float:
-    """Return the value of Student's t below which the probability is `p`.
+    """Return the quantile of Student's t at probability `p`.
 
     Args:
         p: Probability below the quantile.
@@ -104,10 +104,10 @@ class Difference:
     """A mean paired difference A - B."""
 
     interval: Interval
-    """The difference; its limits are None where there are too few worlds for any."""
+    """The difference; its limits are None if there are too few worlds for any."""
 
     p: float
-    """Two-sided probability of such a mean if A and B were alike; NaN without data."""
+    """Two-sided p-value if A and B were equal; NaN without data."""
 
     worlds: int
     """Number of worlds in which both have a value."""
@@ -124,19 +124,19 @@ class Difference:
 
 @dataclass(frozen=True)
 class Share:
-    """A share of trials, and how many independent trials would be as informative."""
+    """A share of trials, and its effective number of independent trials."""
 
     share: float
     effective: float
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Lower and upper limit, 95 %, of Clopper and Pearson (1934)."""
+        """Lower and upper 95 % limits (Clopper and Pearson 1934)."""
         successes = self.share * self.effective
         failures = self.effective - successes
         low = 0.0
         if self.share > 0.0:
-            # The beta quantiles also take numbers of trials that are not whole.
+            # Beta quantiles also accept fractional numbers of trials.
             low = scipy.special.betaincinv(successes, failures + 1.0, ALPHA / 2.0)
         high = 1.0
         if self.share < 1.0:
@@ -146,7 +146,7 @@ class Share:
         return float(low), float(high)
 
     def p_above(self, share: float) -> float:
-        """Test whether the true share may be `share`; return a two-sided p-value.
+        """Return the two-sided p-value of the hypothesis that the true share is `share`.
 
         `share` must be above the observed share.
         """
@@ -162,16 +162,16 @@ class Share:
 def share_of(values: Floats | Integers, worlds: Integers) -> Share:
     """Return the mean of values in 0 to 1 with its effective number of trials.
 
-    Where fewer than three worlds have a value above 0, they say little about how alike
-    the trials of a world are. Each world then counts as one trial.
+    If fewer than three worlds have a value above 0, they say little about how similar
+    the trials of a world are, and each world counts as one trial.
 
     Args:
         values: One value per trial (n,), such as 1 for a failure.
         worlds: Number of each trial's world (n,).
     """
     mean, effective, world_count = effective_trials(values, worlds)
-    # With one or two failures the variance over worlds is nearly 0 by chance, and the
-    # effective number would come out far too large.
+    # With one or two failures, the variance over worlds is nearly 0 by chance, and the
+    # effective number would be far too large.
     informative_worlds = len(np.unique(worlds[values > 0.0]))
     if informative_worlds < _MIN_INFORMATIVE_WORLDS:
         return Share(mean, float(world_count))
@@ -181,10 +181,10 @@ def share_of(values: Floats | Integers, worlds: Integers) -> Share:
 def proportion(successes: Integers, worlds: Integers) -> Interval:
     """Return the share of trials with a 1, and Wilson's 95 % interval over worlds.
 
-    The quantile is Student's with one degree of freedom less than worlds (Franco et
+    The quantile is Student's with one degree of freedom fewer than worlds (Franco et
     al. 2019, "Comparative study of confidence intervals for proportions in complex
-    sample surveys"). Where all worlds are alike, each world counts as one trial. Above
-    0.97, it is as wide as Clopper's and Pearson's where that is wider.
+    sample surveys"). If all worlds have the same share, each counts as one trial. Above
+    0.97, Clopper's and Pearson's interval is used if it is wider.
 
     Args:
         successes: 1 for each trial that succeeded, else 0 (n,).
@@ -196,14 +196,14 @@ def proportion(successes: Integers, worlds: Integers) -> Interval:
     if world_count < 2:
         return Interval(p)
 
-    # Wald's interval has no width at 0 and 1, where good planners are; Wilson's has.
+    # Unlike Wald's, Wilson's interval has a width at 0 and 1, where good planners are.
     z = t_quantile(0.5 + LEVEL / 2.0, world_count - 1)
     scale = 1.0 + z * z / effective
     middle = (p + z * z / (2.0 * effective)) / scale
     variance = p * (1.0 - p) / effective + (z / (2.0 * effective)) ** 2
     half = z * math.sqrt(variance) / scale
     interval = Interval(p, max(0.0, middle - half), min(1.0, middle + half))
-    # Near 1 Wilson's covers less than it says, Clopper and Pearson's never.
+    # Near 1, Wilson's covers too little; Clopper and Pearson's never does.
     if p > _HIGH_SHARE:
         low, high = share_of(1 - successes, worlds).limits
         return interval.widen_to(1.0 - high, 1.0 - low)
@@ -216,7 +216,7 @@ def effective_trials(
     """Return (share, effective number of independent trials, number of worlds).
 
     The effective number is p (1 - p) / v, at most n, where v is the variance of the
-    share as the worlds' own shares show it.
+    share, estimated from the worlds' shares.
 
     Args:
         values: One value from 0 to 1 per trial (n,).
@@ -232,7 +232,7 @@ def effective_trials(
     variance = float(residuals @ residuals) * world_count
     variance = variance / max(1, world_count - 1) / trials**2
     if variance <= 0.0:
-        # All worlds agree, so nothing shows that their trials are independent.
+        # If all worlds agree, nothing shows that their trials are independent.
         return p, float(world_count), world_count
     return p, min(p * (1.0 - p) / variance, trials), world_count
 
@@ -242,23 +242,23 @@ def paired_difference(
 ) -> Difference:
     """Return the mean of A - B with interval and p-value from flips of worlds' signs.
 
-    If A and B are alike, the sum of each world is as likely to have the other sign, so
-    the test is exact for any distribution. The interval holds the shifts that the test
-    does not reject: its limits are quantiles of the larger and the smaller mean of the
-    two groups into which a pattern of signs parts the worlds (Hartigan 1969, "Using
-    subsample values as typical values").
+    If A and B are equal, the sum of each world has either sign with equal probability,
+    so the test is exact for any distribution. The interval holds the shifts that the
+    test does not reject: its limits are quantiles of the larger and the smaller mean of
+    the two groups into which a pattern of signs divides the worlds (Hartigan 1969,
+    "Using subsample values as typical values").
 
     Args:
         differences: Value of A minus value of B for each pair of trials (n,).
         worlds: Number of each pair's world (n,).
-        flips: Number of patterns where there are too many worlds to try all; no p-value
-            is below 1 / (flips + 1) then.
+        flips: Number of patterns if there are too many worlds to try all. No p-value is
+            then below 1 / (flips + 1).
     """
     if not len(differences):
         nothing = Components(math.nan, math.nan)
         return Difference(Interval(math.nan), math.nan, 0, 0, nothing)
 
-    # Sums must not depend on the order in which trials come.
+    # Sums must not depend on the order of the trials.
     order = np.lexsort((differences, worlds))
     differences = differences[order]
     worlds = worlds[order]
@@ -269,10 +269,10 @@ def paired_difference(
     total = float(sums.sum())
 
     signs = sign_patterns(len(world_numbers), flips)
-    # One product for sums and counts: the patterns are the largest array here.
+    # One product for sums and counts, because the patterns are the largest array.
     flipped_sums, flipped_counts = (signs @ np.stack([sums, counts], axis=1)).T
     threshold = abs(total) - _ROUNDING * float(np.abs(sums).sum())
-    # The pattern of the data is among them, so no p-value is 0 (Phipson and Smyth
+    # The patterns include that of the data, so no p-value is 0 (Phipson and Smyth
     # 2010).
     p = float((np.abs(flipped_sums) >= threshold).mean())
 
@@ -284,8 +284,8 @@ def paired_difference(
     is_mean = np.isfinite(means)
     smaller_means = np.where(is_mean, means, -np.inf).min(axis=0)
     larger_means = np.where(is_mean, means, np.inf).max(axis=0)
-    # Both quantiles are means of patterns, not values between them, so test and
-    # interval agree on whether 0 is left out.
+    # Quantiles are not interpolated, so that test and interval agree on whether 0 is
+    # possible.
     low = float(np.quantile(smaller_means, ALPHA, method="lower"))
     high = float(np.quantile(larger_means, LEVEL, method="higher"))
     interval = Interval(mean)
@@ -297,16 +297,15 @@ def paired_difference(
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Return p-values adjusted for testing all of them (Holm 1979), in equal order.
+    """Return p-values adjusted for testing all of them (Holm 1979), in the same order.
 
-    The chance of any false alarm stays below each adjusted value. NaN stands for a test
-    that could not be made; it stays NaN and does not count.
+    NaN stands for a test that could not be made; it stays NaN and does not count.
     """
     p: Floats = np.array(p_values, np.float64)
     tests = int(np.count_nonzero(~np.isnan(p)))
     # NaN comes last in this order.
     order = np.argsort(p, kind="stable")[:tests]
-    # Holm rather than Bonferroni: it is as safe under any dependence and more powerful.
+    # Holm's correction is as safe as Bonferroni's under any dependence, but more powerful.
     scaled = np.minimum(1.0, np.arange(tests, 0, -1) * p[order])
     # A larger p-value must not have a smaller adjusted one.
     p[order] = np.maximum.accumulate(scaled)
@@ -322,16 +321,16 @@ def p_text(p: float) -> str:
 def sign_patterns(worlds: int, flips: int) -> Floats:
     """Return an array (m, worlds) of +1 and -1; its first row, the data, is all +1.
 
-    The patterns are cached, since all measures of a comparison have the same worlds.
+    The patterns are cached, because all measures of a comparison have the same worlds.
 
     Args:
-        worlds: Number of worlds. For up to 13 all patterns are returned.
-        flips: Number of random patterns beside the first.
+        worlds: Number of worlds. Up to 13, all patterns are returned.
+        flips: Number of random patterns besides the first.
     """
     if worlds <= _MAX_ENUMERATED_WORLDS:
         minus = np.arange(2**worlds)[:, None] >> np.arange(worlds) & 1
     else:
-        # Always the same ones, so that equal results have equal p-values.
+        # Always the same patterns, so that equal results have equal p-values.
         minus = np.random.default_rng(0).integers(0, 2, (flips + 1, worlds))
         minus[0] = 0
     return np.where(minus == 1, -1.0, 1.0)
@@ -342,8 +341,8 @@ def half_width(
 ) -> float:
     """Return half the width of a mean's interval; infinite for fewer than two worlds.
 
-    The width follows from the variance, or from failures that may still come where
-    these would widen it further.
+    The width follows from the variance or, if that is wider, from failures that may
+    still occur.
 
     Args:
         parts: Variance of one value.
@@ -355,7 +354,7 @@ def half_width(
         return math.inf
     quantile = t_quantile(0.5 + level / 2.0, worlds - 1)
     by_variance = quantile * parts.standard_error(worlds, repetitions)
-    # A failure that did not occur yet may still have this share of the trials.
+    # Failures that did not occur yet may still have this share of the trials.
     unseen_share = Share(0.0, worlds).limits[1]
     return max(by_variance, *(cost * unseen_share for cost in parts.unseen), 0.0)
 
@@ -363,7 +362,7 @@ def half_width(
 def detectable_difference(
     parts: Components, worlds: int, repetitions: int, level: float = LEVEL
 ) -> float:
-    """Return the difference found with power 0.8; infinite below two worlds.
+    """Return the difference that is detected with power 0.8; infinite below two worlds.
 
     Args:
         parts: Variance of one paired difference.
@@ -374,7 +373,7 @@ def detectable_difference(
     if worlds < 2:
         return math.inf
     error = parts.standard_error(worlds, repetitions)
-    # The difference itself scatters, too: it has to exceed the limit in 8 runs of 10.
+    # The difference itself scatters, and must exceed the limit in 8 of 10 runs.
     by_chance = t_quantile(POWER, worlds - 1) * error
     return half_width(parts, worlds, repetitions, level) + by_chance
 
@@ -382,7 +381,7 @@ def detectable_difference(
 def worlds_for_half_width(
     parts: Components, width: float, repetitions: int
 ) -> int | None:
-    """Return the fewest worlds whose half width is at most `width`; None above 1e6.
+    """Return the fewest worlds with a half-width of at most `width`; None above 1e6.
 
     Args:
         parts: Variance of one value.
@@ -397,16 +396,13 @@ def worlds_for_half_width(
 def worlds_for_difference(
     parts: Components, size: float, repetitions: int, level: float = LEVEL
 ) -> int | None:
-    """Return the fewest worlds in which a test finds `size` with power 0.8.
+    """Return the fewest worlds to detect `size` with power 0.8; None above a million.
 
     Args:
         parts: Variance of one paired difference.
         size: The difference.
         repetitions: Number of trials in each world.
         level: 1 minus the error of the test.
-
-    Returns:
-        The number of worlds; None above a million.
     """
     return _fewest_worlds(
         lambda worlds: detectable_difference(parts, worlds, repetitions, level) <= size
@@ -414,9 +410,9 @@ def worlds_for_difference(
 
 
 def _fewest_worlds(suffice: Callable[[int], bool]) -> int | None:
-    """Return the least number of worlds, 2 to a million, for which `suffice` is true.
+    """Return the least number from 2 to a million for which `suffice` is true, or None.
 
-    None if there is none. `suffice` must stay true from that number on.
+    `suffice` must stay true from that number on.
     """
     candidates = range(2, _MAX_WORLDS + 1)
     # bisect finds the first True, as False sorts before it.

@@ -1,4 +1,4 @@
-"""Results folders: their trials, configuration, worlds and tasks."""
+"""Read results folders: their trials, configuration, worlds and tasks."""
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -41,12 +41,12 @@ from barn_worlds.robots.files import name_unless_standard
 from barn_worlds.robots.robot import Chassis
 from barn_worlds.worlds.world import World
 
-_SIDE_BY_SIDE = "; barn report sets measured beside simulated trials"
+_SIDE_BY_SIDE = "; barn report shows measured and simulated trials side by side"
 
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """One results folder."""
+    """A results folder, or a table in its place."""
 
     path: Path
 
@@ -57,7 +57,7 @@ class Source:
     """Scored trials by world, repetition and planner."""
 
     configuration: Mapping[str, Any]
-    """Configuration of the run as plain data, which may be of another version."""
+    """Configuration of the run as plain data, which may be from another version."""
 
     sessions: tuple[Mapping[str, Any], ...]
     """Versions, commit and machine of each session."""
@@ -95,30 +95,30 @@ class Source:
         return _fastest_commands(self)
 
     def describe_commanded(self, planner: str) -> str:
-        """Return a sentence on an undeclared speed cap, and how to declare it."""
-        # Rounded up: a planner is held to what it declares.
+        """Return a sentence on a planner's undeclared speed cap, and how to declare it."""
+        # Rounded up, because a planner must not exceed what it declares.
         cap_mps = math.ceil(1000.0 * self.commanded_mps[planner]) / 1000.0
         declaration = f"--set {planner}.max_speed_mps={cap_mps:g} declares it"
         choices = self.run_config.planners
         if any(item.name == planner and item.registered for item in choices):
             declaration = "speed_cap of its PlannerEntry declares it"
         return (
-            f"{planner} declares no top speed: its fastest command counts, {cap_mps:g}"
+            f"{planner} declares no speed cap, so its fastest command counts, {cap_mps:g}"
             f" m/s; {declaration}."
         )
 
     @cached_property
     def comparable_results(self) -> Rows:
-        """The trials; those without a declared speed cap as if it were the fastest command.
+        """The trials, where an undeclared speed cap is set to the fastest command.
 
-        Rows have the robot's limit there, by which a slow robot looks inefficient.
+        Their rows have the robot's limit, by which a slow planner looks inefficient.
         """
         if not self.commanded_mps:
             return self.results
         return RowTable.of(self._capped_results())
 
     def _capped_results(self) -> Iterator[TrialResult]:
-        """Yield the trials with the caps of `commanded_mps`."""
+        """Yield all trials, with speed caps from `commanded_mps` if they have one there."""
         period_s = self.run_config.protocol.longest_look_s
         for result in self.results:
             cap_mps = self.commanded_mps.get(result.planner)
@@ -139,24 +139,24 @@ class Source:
 
     @cached_property
     def outline(self) -> Footprint:
-        """Footprint [m] in base_link of the robot's parts that can touch something."""
+        """Footprint [m] in base_link of the robot's parts that can touch obstacles."""
         return contact_footprint(self.chassis)
 
     def bag(self, trial_id: str) -> Path:
-        """Return the path FOLDER/bags/TRIAL_ID, whether or not there is a bag."""
+        """Return the path FOLDER/bags/TRIAL_ID, which need not exist."""
         return self.path / BAGS / trial_id
 
 
 def read_source(path: Path, rows: Rows | None = None) -> Source:
-    """Read run.json and scored rows of a results folder, finished or not.
+    """Read run.json and scored rows of a results folder, finished or not, or a table.
 
     Args:
-        path: The folder, or a file with anybody's table.
-        rows: Its rows, if they have been read already. There may be none yet.
+        path: The folder, or a table file.
+        rows: Its rows, if they have been read already; may be empty.
 
     Raises:
-        ConfigError: The folder holds no run, or results of another task.
-        BarnError: A file cannot be read.
+        ConfigError: If the folder holds no run, or results of another task.
+        BarnError: If a file cannot be read.
     """
     if is_table_file(path):
         results: Rows = RowTable.of(read_table_file(path))
@@ -176,7 +176,7 @@ def read_source(path: Path, rows: Rows | None = None) -> Source:
     names = column(results, "planner").tolist()
     planners += sorted(set(names).difference(planners))
     places = [planners.index(name) for name in names]
-    # In the order of the schedule, so that nothing shows which worker was faster.
+    # In the order of the schedule, not in that of the workers.
     order = np.lexsort(
         (places, column(results, "repetition"), column(results, "world"))
     )
@@ -191,7 +191,7 @@ def read_source(path: Path, rows: Rows | None = None) -> Source:
 
 
 def cap_result(result: TrialResult, cap_mps: float, period_s: float) -> TrialResult:
-    """Return a row with another speed cap, and with the efficiency that follows.
+    """Return a copy of a row with another speed cap, bound and efficiency.
 
     Args:
         result: The row.
@@ -202,7 +202,7 @@ def cap_result(result: TrialResult, cap_mps: float, period_s: float) -> TrialRes
     least_s = scores.least_time_s
     if not (result.speed_cap_mps and least_s):
         return replace(result, speed_cap_mps=cap_mps)
-    # The least time is a length by the cap, less a period that is not on the clock.
+    # The bound is a length divided by the cap, minus a period that is not on the clock.
     at_limit_s = least_s + period_s
     least_s = at_limit_s * result.speed_cap_mps / cap_mps - period_s
     efficiency = scores.efficiency
@@ -213,15 +213,15 @@ def cap_result(result: TrialResult, cap_mps: float, period_s: float) -> TrialRes
 
 
 def _fastest_commands(source: Source) -> dict[str, float]:
-    """Return the fastest command [m/s] by planner without a declared speed cap.
+    """Return the fastest command [m/s] of each planner without a declared speed cap.
 
-    Planners without kept commands, or with none but 0, are left out.
+    Planners without kept commands, or with only zero commands, are left out.
     """
     speeds_mps: dict[str, float] = {}
-    # Of trials that the suite only observed, nobody knows who held what speed.
+    # In observed trials, something else than the planner may limit the speed.
     if source.system.is_observed:
         return speeds_mps
-    # Folders of other versions, and of planners that are not installed, keep their caps.
+    # Folders of other versions, or with planners that are not installed, keep their caps.
     with suppress(BarnError):
         for choice in source.run_config.planners:
             if not source.run_config.resolve_planner(choice).declared_mps:
@@ -241,7 +241,7 @@ def _fastest_commands(source: Source) -> dict[str, float]:
             _, commands = parse_commands_line(lines[trial_id], trial_id)
             speeds = commands[:, 0]
         elif trial_id in source.tracks:
-            # Free-running trials keep samples only, so the motion counts as well.
+            # Free-running trials keep only samples, so the motion counts as well.
             _, track = parse_track_line(source.tracks[trial_id], trial_id)
             speeds = track.samples[:, SPEEDS]
         fastest_mps = float(np.nanmax(np.abs(speeds), initial=0.0))
@@ -255,13 +255,13 @@ def require_same_task(folders: Sequence[Path]) -> None:
     The task is protocol, simulator, robot and system.
 
     Raises:
-        ConfigError: Two tasks differ; the message names the first key that does.
+        ConfigError: If two tasks differ; the message names the first different key.
     """
     first, *others = folders
     task = _read_task(first)
     for folder in others:
         other_task = _read_task(folder)
-        # Robots of other names are the same if nothing else differs.
+        # Robots that differ only in name are the same.
         if other_task["tasks"] == task["tasks"]:
             continue
         for what, content in task.items():
@@ -278,10 +278,10 @@ def require_same_task(folders: Sequence[Path]) -> None:
 
 
 def _read_task(path: Path) -> dict[str, dict[str, Any]]:
-    """Return what trials of a folder or table share, by what a message calls it.
+    """Return a folder's or table's task as plain data: robots, systems, then tasks.
 
-    Robots and systems come first: a message about one of their keys would not name
-    them.
+    The keys are words for messages. Robots and systems come first, because a message
+    about one of their inner keys would not name them.
     """
     task: dict[str, Any] = {"simulator": None, "system": as_dict(TABLE_SYSTEM)}
     simulator: Any = None
@@ -316,7 +316,7 @@ def select_planners(
         names: The planners; all planners if empty.
 
     Raises:
-        ConfigError: The folder has no such planner.
+        ConfigError: If the folder has no such planner.
     """
     for name in names:
         if name not in groups:
@@ -327,19 +327,16 @@ def select_planners(
 def read_worlds(
     results: Iterable[tuple[TrialResult, Source]],
 ) -> dict[str, World | str]:
-    """Load the worlds of results; return them, or why one is missing, by checksum.
+    """Load the worlds of results; return by checksum each world, or why it is missing.
 
     Args:
         results: Results, each with its folder.
-
-    Returns:
-        Worlds by checksum; a text says why a world is missing.
     """
-    # A data set is read as a whole, and all results may be of one.
+    # A data set is read as a whole, and all results may have the same one.
     open_once = cache(open_dataset)
     worlds: dict[str, World | str] = {}
     for result, source in results:
-        # By checksum, since one number may mean other worlds in other folders.
+        # By checksum, because folders may have different worlds of one number.
         checksum = result.world_checksum
         if checksum in worlds:
             continue
@@ -347,7 +344,7 @@ def read_worlds(
         try:
             world = open_once(dataset).load(result.world)
             if world.checksum != checksum:
-                # Trials of other robots ran in the same world with a course to fit.
+                # Trials of other robots ran in this world with a course that fits them.
                 run = source.run_config
                 fitted = open_once(dataset).for_robot(
                     robot_of(run.simulator), run.course
@@ -360,7 +357,7 @@ def read_worlds(
             worlds[checksum] = world
         else:
             worlds[checksum] = (
-                f"world {result.world} of {dataset} is not the one it ran in any more"
+                f"world {result.world} of {dataset} has changed since the trial"
             )
     return worlds
 
@@ -368,14 +365,14 @@ def read_worlds(
 def planner_choices(
     configuration: Mapping[str, Any], planner: str = ""
 ) -> list[dict[str, Any]]:
-    """Return the planner mappings in a run's plain configuration, skipping malformed.
+    """Return the planner mappings in a run's configuration, without malformed ones.
 
     Args:
         configuration: Configuration of a run as plain data.
-        planner: Name of the only planner that is asked for; empty for all.
+        planner: Name of the only planner to return; empty for all.
     """
     choices = []
-    # run.json may be edited by hand, and pages show a folder all the same.
+    # Pages must show a folder even if its run.json was edited by hand.
     planners = configuration.get("planners")
     for choice in planners if isinstance(planners, list) else ():
         if isinstance(choice, dict) and planner in ("", choice.get("name")):

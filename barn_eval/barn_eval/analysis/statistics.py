@@ -1,10 +1,10 @@
 """Means over trials and comparisons of planners, for few worlds and rare failures.
 
-A world is the unit of sampling: functions take one value per trial and, beside it, the
-number of its world. An interval computed from observed trials knows nothing of failures
-that did not happen to occur. So where failures count, limits also hold what the mean
-would be with the share of failures at either of its own limits. Shares and the test of
-differences are in `significance`. No result depends on the order of the trials.
+A world is the unit of sampling: functions take one value per trial and the number of its
+world. An interval from observed trials ignores failures that by chance did not occur. So
+if failures count, limits also include what the mean would be with the share of failures
+at either of its own limits. Shares and the test of differences are in `significance`. No
+result depends on the order of the trials.
 """
 
 import math
@@ -22,7 +22,7 @@ from barn_worlds.base.arrays import Floats, Integers
 
 @dataclass(frozen=True, eq=False)
 class TrialValues:
-    """A measure of some trials, with what identifies and excuses each value."""
+    """A measure's value of each trial, with its world, repetition and penalty."""
 
     values: Floats
     """Value of each trial (n,)."""
@@ -64,7 +64,7 @@ class TrialValues:
     def mean(self) -> Interval:
         """Return the mean of the finite values with its 95 % interval.
 
-        The interval holds no impossible value.
+        Limits are clipped to possible values.
         """
         finite = np.flatnonzero(np.isfinite(self.values))
         # Rounding depends on the order of a sum, and workers finish trials in any
@@ -73,9 +73,8 @@ class TrialValues:
         trials = self.at(finite[order])
         interval = mean_interval(trials.values, trials.worlds)
         if trials.counts_failures:
-            # No bootstrap or t interval widens for an event that did not occur, so the
-            # limits also hold what the mean becomes at either limit of the failures'
-            # share.
+            # No bootstrap or t interval allows for an event that did not occur, so the
+            # limits also include the mean at either limit of the share of failures.
             observed = trials.failures_observed
             interval = interval.widen_to(
                 *(
@@ -101,14 +100,14 @@ class TrialValues:
         return replace(components, unseen=self.unseen)
 
     def failure_share(self) -> Interval | None:
-        """Return the share of failures with limits; None if they have no value."""
+        """Return the share of failures with limits; None if failures have no value."""
         if not self.counts_failures:
             return None
         return Interval(self.failures_observed.share, *self.failures_observed.limits)
 
     @property
     def unseen(self) -> tuple[float, ...]:
-        """One item, the cost of a failure, if failures count and none occurred."""
+        """The cost of a failure as only item if failures count and none occurred, or ()."""
         if not self.counts_failures or self.failures.any():
             return ()
         return (abs(self.cost),)
@@ -120,10 +119,9 @@ class TrialValues:
 
     @cached_property
     def cost(self) -> float:
-        """Mean of successes minus mean as failures; negative where less is better.
+        """Mean of successes minus mean as failures; negative if smaller is better.
 
-        Successes in fewer than two worlds say too little. They count as the best
-        possible value.
+        With successes in fewer than two worlds, the best possible value stands for them.
         """
         succeeded = self.failures == 0
         success = self.best
@@ -139,7 +137,7 @@ class TrialValues:
         _, world = np.unique(self.worlds, return_inverse=True)
         counts = np.bincount(world)
         surplus = np.bincount(world, self.failures - other.failures) / counts
-        # In worlds where both fail alike, this planner's failures cost no difference.
+        # Failures that both planners have in a world make no difference.
         share_by_world = np.maximum(0.0, surplus)
         return significance.share_of(share_by_world[world], self.worlds)
 
@@ -155,7 +153,7 @@ def mean_interval(values: Floats, worlds: Integers) -> Interval:
         worlds: Number of each trial's world (n,).
     """
     finite = np.isfinite(values)
-    # Sums must not depend on the order in which trials come.
+    # Sums must not depend on the order of the trials.
     order = np.lexsort((values[finite], worlds[finite]))
     values = values[finite][order]
     worlds = worlds[finite][order]
@@ -168,8 +166,8 @@ def mean_interval(values: Floats, worlds: Integers) -> Interval:
     mean = float(sums.sum() / counts.sum())
     if len(sums) < 2:
         return Interval(mean)
-    # Worlds differ in trials, so the mean is a ratio of two sums. Its error is that of
-    # its linearization (Cochran 1977, Sampling techniques, ch. 6).
+    # Worlds differ in trials, so the mean is a ratio of two sums. Its linearization gives
+    # the error (Cochran 1977, Sampling techniques, ch. 6).
     below, above = _limit_distances((sums - mean * counts) / counts.sum())
     return Interval(mean, mean - below, mean + above)
 
@@ -178,30 +176,30 @@ def _limit_distances(residuals: Floats) -> tuple[float, float]:
     """Return the distances (below, above) of the 95 % limits from an estimate.
 
     Args:
-        residuals: What each world adds to the error of the estimate (m,), m > 1.
+        residuals: Contribution of each world to the error of the estimate (m,), m > 1.
     """
     worlds = len(residuals)
     spread = float(residuals @ residuals)
     if spread == 0.0:
         return 0.0, 0.0
 
-    # The divisor m - 1 as for any variance that is estimated around its own mean.
+    # The divisor is m - 1, because residuals are relative to their own mean.
     error = math.sqrt(spread * worlds / (worlds - 1))
     quantile = significance.t_quantile(0.5 + LEVEL / 2.0, worlds - 1)
     cubes = float(np.sum(residuals**3))
     skewness: float = cubes * math.sqrt(worlds) / math.pow(spread, 1.5)
-    # The transformation divides by the skewness; here it would only amplify rounding.
+    # The transformation divides by the skewness and would amplify rounding here.
     if math.isclose(skewness, 0.0, abs_tol=1e-9):
         return quantile * error, quantile * error
 
     def undo_transformation(y: float) -> float:
         """Return the studentized error whose Hall transform is `y`."""
-        # The transformation is cubic and monotonic, so it can be undone exactly.
+        # The transformation is cubic and monotonic, so it has an exact inverse.
         inner = 1.0 + skewness * (y / math.sqrt(worlds) - skewness / (6.0 * worlds))
         return math.sqrt(worlds) * 3.0 / skewness * (float(np.cbrt(inner)) - 1.0)
 
     below = undo_transformation(quantile) * error
-    # Times of failures make the right tail long, so the limits are not symmetric.
+    # Times of failures make the right tail long, so limits are not symmetric.
     above = -undo_transformation(-quantile) * error
     return below, above
 
@@ -240,7 +238,7 @@ class Paired:
     """Share of failures of A and of B, None if failures have no value."""
 
     def test(self) -> Difference:
-        """Return the difference A - B with its p-value; nothing is tested again."""
+        """Return the difference A - B and its p-value as a `Difference`."""
         return Difference(self.difference, self.p, self.worlds, self.trials, self.parts)
 
 
@@ -248,7 +246,7 @@ def repetition_spread(values: Floats, worlds: Integers) -> float:
     """Return the mean over worlds of the standard deviation of a world's trials.
 
     This is the paper's +- (Sec. IV): the divisor is n, and worlds with one trial do not
-    count. It is NaN if no world has two trials.
+    count. The mean is NaN if no world has two trials.
 
     Args:
         values: One value per trial (n,); NaN does not count.
@@ -260,21 +258,21 @@ def repetition_spread(values: Floats, worlds: Integers) -> float:
 
 
 def matched_trials(planners: Sequence[TrialValues]) -> list[TrialValues]:
-    """Return for each planner the trials that all have a value for, in one order.
+    """Return each planner's trials for which all planners have a value, in one order.
 
-    Trials of one world and repetition belong together: they met the same noise.
+    Trials of one world and repetition belong together, because they have equal noise.
     """
     keys = _trial_keys(planners)
     finite_keys = []
     for trials, trial_keys in zip(planners, keys, strict=True):
         finite_keys.append(trial_keys[np.isfinite(trials.values)])
-    # Sorted keys give all planners one order, which pairs need.
+    # Sorted keys give all planners the same order, which pairs need.
     shared = reduce(np.intersect1d, finite_keys, finite_keys[0])
     matched = []
     for trials, trial_keys in zip(planners, keys, strict=True):
         finite = np.flatnonzero(np.isfinite(trials.values))
         order = finite[np.argsort(trial_keys[finite], kind="stable")]
-        # Of several trials with one key, the last counts.
+        # The last of several trials with one key counts.
         places = np.searchsorted(trial_keys[order], shared, side="right") - 1
         matched.append(trials.at(order[places]))
     return matched
@@ -295,11 +293,11 @@ def _trial_keys(planners: Sequence[TrialValues]) -> list[Integers]:
 def difference(a: TrialValues, b: TrialValues, flips: int = FLIPS) -> Difference:
     """Return the mean of A - B over matched trials with its interval and p-value.
 
-    Where failures count, a difference is significant only if it keeps its sign when the
+    If failures count, a difference is significant only if it keeps its sign when the
     better planner fails as often as its failures so far allow. By the test alone, a
-    quick planner that rarely fails seems better than a steady one of the same mean as
-    long as no failure occurred. The limits hold what the failures of either planner
-    would make of the difference.
+    quick planner that rarely fails would seem better than a steady one of the same mean
+    until a failure occurs. The limits include the differences that failures of either
+    planner would make.
 
     Args:
         a: Trials of A.
@@ -313,9 +311,9 @@ def difference(a: TrialValues, b: TrialValues, flips: int = FLIPS) -> Difference
     size = plain.interval.estimate
     p = plain.p
     limits = []
-    # A minus B changes by B's failures with the other sign.
+    # B's failures change A minus B with the opposite sign.
     for planner, other, cost in ((a, b, a.cost), (b, a, -b.cost)):
-        # Failures that both planners have in a world do not part them.
+        # Failures that both planners have in a world make no difference.
         excess = planner.excess(other)
         limits.append(size - cost * (excess.limits[1] - excess.share))
         # This planner is the better one, so its failures could turn the sign.
@@ -330,10 +328,10 @@ def difference(a: TrialValues, b: TrialValues, flips: int = FLIPS) -> Difference
 def compare_pairs(a: TrialValues, b: TrialValues, *, larger_is_better: bool) -> Paired:
     """Compare A and B on their common trials: difference, p-value and P(A is better).
 
-    The probability of improvement looks at every pair of a trial of A and one of B in a
+    The probability of improvement is over every pair of a trial of A and one of B in a
     world (Agarwal et al. 2021, "Deep reinforcement learning at the edge of the
-    statistical precipice", over worlds in place of tasks). Its interval is that of its
-    difference from one half.
+    statistical precipice", with worlds instead of tasks). Its interval is from the test
+    of its difference from one half.
 
     Args:
         a: Trials of A.
@@ -386,11 +384,11 @@ def rank_correlation(
     a_by_world = _values_by_world(*a)
     b_by_world = _values_by_world(*b)
     shared = sorted(a_by_world.keys() & b_by_world.keys())
-    # Two ranks correlate with 1 or -1 whatever the planners do.
+    # Two ranks always have a correlation of 1 or -1.
     if len(shared) < 3:
         return Interval(math.nan)
 
-    # Spearman depends on ranks only, and whole numbers are ranked faster.
+    # Spearman's correlation only uses ranks, and whole numbers are ranked faster.
     ranks = []
     for by_world in (a_by_world, b_by_world):
         means = np.array([by_world[world].mean() for world in shared])
@@ -404,7 +402,7 @@ def rank_correlation(
 def _values_by_world(values: Floats, worlds: Integers) -> dict[int, Floats]:
     """Return the finite values by world number, each array ascending.
 
-    Sorted values have the same sum in whatever order the trials came.
+    Sorted values have the same sum, whatever the order of the trials.
     """
     finite = np.isfinite(values)
     order = np.lexsort((values[finite], worlds[finite]))

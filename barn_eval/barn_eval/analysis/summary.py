@@ -1,4 +1,4 @@
-"""Rates and means of each planner with their uncertainty, and each pair of planners."""
+"""Summarize planners' rates and means with their uncertainty, and compare each pair."""
 
 import math
 from collections import Counter
@@ -112,7 +112,7 @@ class RunSummary:
     comparisons: tuple[Comparison, ...]
 
     measure: Measure
-    """What planners are ranked by."""
+    """Measure that ranks planners."""
 
     ranking: Ranking
     """Planners by label."""
@@ -139,11 +139,11 @@ def summarize(results: Rows, keys: Sequence[str] = SCORED, label: str = "") -> S
     Args:
         results: Results of the planner; there may be none.
         keys: Keys of measures. The success rate is always among the means.
-        label: Name of the planner in tables. By default its usual spelling.
+        label: Name of the planner in tables. Default: its usual spelling.
     """
     worlds = column(results, "world").astype(np.int64)
     successes = column(results, "scores.success").astype(np.int64)
-    # A share has an interval of its own, which holds no value beyond 0 and 1.
+    # A share has its own kind of interval, which stays within 0 and 1.
     means = {"success": proportion(successes, worlds)}
     for key in keys:
         if key != "success":
@@ -169,9 +169,9 @@ def count_outcomes(results: Rows) -> dict[str, int]:
 
 
 def summarize_run(results: Rows) -> RunSummary:
-    """Summarize each planner, compare each pair and conclude, from a run's results.
+    """Return summaries, pairs' comparisons, ranking and conclusion of a run's results.
 
-    There must be at least one result. Planners are in order of first appearance.
+    There must be at least one result. Planners are in the order of first appearance.
     """
     groups = group_by_planner(results)
     keys = with_moving_measures(SCORED + DRIVEN, *groups.values())
@@ -179,7 +179,7 @@ def summarize_run(results: Rows) -> RunSummary:
 
     pairs = combinations(groups, 2)
     comparisons = adjust_by_holm([compare(groups[a], groups[b]) for a, b in pairs])
-    # The conclusion is for readers, while the comparisons keep the planners' names.
+    # The conclusion has display names, the comparisons have the planners' names.
     labeled_groups = {spelling(name): rows for name, rows in groups.items()}
     labeled_comparisons = [
         replace(comparison, a=spelling(comparison.a), b=spelling(comparison.b))
@@ -214,7 +214,7 @@ def make_bars(entries: Sequence[Entry]) -> Bars:
     intervals = [measure.in_heading_unit(summary[measure.key]) for summary in summaries]
     # As numbers, None becomes NaN.
     limits = np.array([(i.estimate, i.low, i.high) for i in intervals], np.float64)
-    # An estimate without limits stands for them; a planner without a value has no bar.
+    # Missing limits are set to the estimate; a planner without a value has no bar.
     limits = np.where(np.isnan(limits), limits[:, :1], limits)
     limits = np.maximum(np.nan_to_num(limits), 0.0)
     end = measure.maximum or float(limits.max()) or 1.0
@@ -242,9 +242,9 @@ def make_bars(entries: Sequence[Entry]) -> Bars:
 def common_trials(groups: Sequence[Rows]) -> list[Rows]:
     """Return each planner's results in the worlds and repetitions that all have.
 
-    Where there is no such trial, all results are returned.
+    If there are none, all results are returned.
     """
-    # Else a planner with only easy worlds so far would seem to lead.
+    # Otherwise a planner with only easy worlds so far would seem to lead.
     keys = [trial_places(rows).keys() for rows in groups]
     shared = set.intersection(*map(set, keys)) or set().union(*keys)
     common = []
@@ -255,7 +255,7 @@ def common_trials(groups: Sequence[Rows]) -> list[Rows]:
 
 
 def finite_keys(summaries: Sequence[Summary], keys: Iterable[str]) -> list[str]:
-    """Return the keys of measures of which at least one summary has a finite mean.
+    """Return the keys of measures for which at least one summary has a finite mean.
 
     Args:
         summaries: Summaries that have all these measures.
@@ -272,13 +272,13 @@ def sort_positions(measure: Measure, summaries: Sequence[Summary]) -> list[int]:
     """Return the indices of summaries from best to worst, those without a value last.
 
     Args:
-        measure: What is ranked by.
-        summaries: Summaries that have the measure; those without a value come last.
+        measure: Measure to rank by.
+        summaries: Summaries that have the measure.
     """
     sign = -1.0 if measure.better == "larger" else 1.0
     values = [summary[measure.key].estimate for summary in summaries]
     return sorted(
         range(len(values)),
-        # The position decides between equal values, so that the order is stable.
+        # Equal values are ordered by position.
         key=lambda k: (np.isnan(values[k]), sign * values[k], k),
     )

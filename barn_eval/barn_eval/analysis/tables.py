@@ -1,6 +1,6 @@
-"""Tables of trials, planners, difficulty bands and comparisons.
+"""Make text tables of trials, planners, difficulty bands and comparisons.
 
-Names and digits of measures are those of the catalog.
+Names and digits of measures come from the catalog.
 """
 
 from collections import Counter
@@ -31,10 +31,10 @@ from barn_eval.trials.result import Outcome, Rows
 from barn_metrics.bootstrap import number
 
 FEWEST_WORLDS = 6
-"""With fewer worlds, no test could be significant: a table has no intervals."""
+"""With fewer worlds, no test can be significant, and tables have no intervals."""
 
 MAX_RANKED = 20
-"""Most planners of a table of ranks."""
+"""Largest number of planners in a table of ranks."""
 
 _MAX_DETAIL_CHARACTERS = 160
 
@@ -61,8 +61,8 @@ def trials_table(results: Rows, title: str) -> TextTable:
 def ranked_table(run: RunSummary) -> TextTable:
     """Return a text table of rank, success, time and score, a planner per row.
 
-    Planners that no test separates share a rank. Of over `MAX_RANKED` planners, the
-    best are listed and the rest counted.
+    Planners that no test separates share a rank. Beyond `MAX_RANKED` planners, only the
+    best are listed and the others are counted.
 
     Args:
         run: Planners of one run.
@@ -74,7 +74,7 @@ def ranked_table(run: RunSummary) -> TextTable:
     for rank, name in zip(ranking.ranks[:MAX_RANKED], ranking.names, strict=False):
         summary = summaries[name]
         cells = [str(rank), name]
-        # Few digits, so that all fits 80 columns.
+        # Few digits, so that the table fits 80 columns.
         for measure, digits, may_have_interval in (
             (MEASURES["success"], 0, True),
             (MEASURES["traversal_time_s"], 1, False),
@@ -98,7 +98,7 @@ def ranked_table(run: RunSummary) -> TextTable:
         notes.append(f"and {count_noun(rest, 'more planner')}")
     trials = count_noun(sum(summary.trials for summary in run.planners), "trial")
     title = f"{trials} in {count_noun(ranking.worlds, 'world')}"
-    # No protocol ranks by it: its own metric has no meaning in these worlds.
+    # Then the protocol's own metric has no meaning in these worlds.
     if run.measure.key == "efficiency":
         title += ", ranked by efficiency"
     return TextTable(
@@ -112,9 +112,9 @@ def ranked_table(run: RunSummary) -> TextTable:
 
 
 def describe_failures(results: Rows) -> str:
-    """Return a line on each planner's failures by outcome; empty without any.
+    """Return a line with each planner's failures by outcome, or "" if there are none.
 
-    Further lines give an example of each outcome that does not explain itself.
+    Further lines give an example of each outcome that needs an explanation.
 
     Args:
         results: Results of any planners.
@@ -126,7 +126,7 @@ def describe_failures(results: Rows) -> str:
             continue
         outcome = result.outcome.value
         counts.setdefault(spelling(result.planner), Counter())[outcome] += 1
-        # One detail of each kind is enough to go by; these two need none.
+        # One detail per outcome is enough; these two need none.
         if result.outcome in (Outcome.TIMEOUT, Outcome.COLLISION):
             continue
         if result.detail and outcome not in details:
@@ -154,10 +154,9 @@ def headline_table(
     Args:
         summaries: Summary of each planner.
         measure: The ranking measure, which comes first.
-        keys: Keys of the measures. By default rates, times and scores.
+        keys: Keys of the measures. Default: rates, times and scores.
     """
     keys = keys or finite_keys(summaries, SHOWN["headline"])
-    # The ranking measure comes first, wherever else it stands.
     measures = [MEASURES[key] for key in dict.fromkeys((measure.key, *keys))]
 
     rows = []
@@ -254,10 +253,10 @@ def bands_table(bands: Sequence[Band]) -> TextTable:
 
 
 def comparison_table(comparison: Comparison, name: str = "comparison") -> TextTable:
-    """Return a text table of A against B, a measure per row; * is significant.
+    """Return a text table that compares A and B, a measure per row; * is significant.
 
     Args:
-        comparison: The comparison. With several pairs p-values are after Holm.
+        comparison: The comparison. With several pairs, p-values are adjusted by Holm.
         name: Name of the table's files.
     """
     a = spelling(comparison.a)
@@ -266,7 +265,7 @@ def comparison_table(comparison: Comparison, name: str = "comparison") -> TextTa
     for row in comparison.rows:
         measure = MEASURES[row.key]
         paired = row.paired
-        # A rounded p-value of 0.000 would read as certainty.
+        # A rounded p-value of 0.000 would look like certainty.
         p = "<0.001" if row.p_holm < 0.001 else number(row.p_holm, 3)
         if row.p_holm <= ALPHA:
             p += " *"
@@ -313,12 +312,12 @@ def _mean_with_count(measure: Measure, summary: Summary) -> str:
     """Return "mean [low, high]", plus the number of successes if only these count."""
     text = measure.text(summary[measure.key])
     if measure.successes_only:
-        # Few successes make a fine time: the reader has to see how many there were.
+        # Readers must see if a good time rests on few successes.
         text += f" of {summary.outcomes.get('success', 0)}"
     return text
 
 
 def _spread_text(summary: Summary) -> str:
-    """Return the mean spread over a world's trials [s/m] as text without unit."""
+    """Return the mean spread over a world's trials [s/m] as text without the unit."""
     digits = MEASURES["normalised_time_s_per_m"].digits
     return number(summary.spread_s_per_m, digits)

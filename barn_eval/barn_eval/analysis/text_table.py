@@ -1,4 +1,4 @@
-"""Tables of text for the terminal, pages and files, and how they are worded."""
+"""Tables of text for the terminal, pages and files, and helpers for their words."""
 
 import csv
 import io
@@ -33,7 +33,7 @@ class TextTable:
     rows: tuple[tuple[str, ...], ...]
 
     texts: int = 1
-    """Number of columns on the left that hold words; the others hold figures."""
+    """Number of columns on the left with words; the others have figures."""
 
     caption: str = ""
 
@@ -74,5 +74,5 @@ def join_names(names: Sequence[str], word: str = "and") -> str:
 
 
 def one_line(text: str) -> str:
-    """Return text with each run of line breaks and control characters as one space."""
+    """Return text with each run of line breaks and control characters made one space."""
     return re.sub(r"[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069]+", " ", text)

@@ -1,4 +1,4 @@
-"""Planners from best to worst with a test of each pair, and the conclusion in words.
+"""Rank planners with a test of each pair, and state the conclusion in words.
 
 Planners without a significant difference share a rank.
 """
@@ -35,11 +35,11 @@ from barn_metrics.bootstrap import Interval, number
 from barn_worlds.base.errors import BarnError, ConfigError
 
 FEW_WORLDS = 10
-# So many patterns per pair keep the smallest p-value, times the pairs, below ALPHA.
+# This many patterns per pair keep the smallest p-value, times the pairs, below ALPHA.
 _FLIPS_PER_PAIR = 40
 _MAX_NAMED_PLANNERS = 4
 
-# Tests of pairs by the labels of A and B, of the value of A minus that of B.
+# Tests of A minus B by the labels (A, B).
 PairTests = Mapping[tuple[str, str], Difference]
 
 
@@ -56,10 +56,10 @@ class Ranking:
     trials: int
 
     differences: Mapping[tuple[int, int], Difference]
-    """By places (i, j), i the better one: the value of i minus that of j."""
+    """By places (i, j), of which i is better: the value of i minus that of j."""
 
     p: Mapping[tuple[int, int], float]
-    """The p-value of each difference after Holm for all `tests` pairs."""
+    """The p-value of each difference, adjusted by Holm for all `tests` pairs."""
 
     tests: int
 
@@ -70,7 +70,7 @@ class Ranking:
     """Number of worlds in the data set, 0 if unknown."""
 
     def is_clear(self, better: int, worse: int) -> bool:
-        """Tell whether one place is significantly better than a later, after Holm.
+        """Tell whether one place is significantly better than a later one, after Holm.
 
         Args:
             better: The earlier place, counted from 0.
@@ -80,7 +80,7 @@ class Ranking:
 
     @property
     def leaders(self) -> tuple[int, ...]:
-        """Places, from 0, not significantly worse than the first, which is included."""
+        """The first place, 0, and all places not significantly worse than it."""
         places = range(1, len(self.names))
         return (0, *(place for place in places if not self.is_clear(0, place)))
 
@@ -89,14 +89,13 @@ class Ranking:
         """Rank of each place, from 1; planners that no test separates share one.
 
         A new rank begins where all planners above are significantly better than all
-        planners from there on. So planners without a significant difference always
-        share a rank. Some planners of a rank may differ if others lie between them.
+        planners from there on. So planners without a significant difference always share
+        a rank. Planners of one rank may differ if others lie between them.
         """
         count = len(self.names)
         ranks: list[int] = []
         for place in range(count):
-            # Differing by a test is not transitive, so ranks need all pairs across a
-            # border.
+            # Significance is not transitive, so a border needs all pairs across it.
             is_new_rank = all(
                 self.is_clear(better, worse)
                 for better in range(place)
@@ -116,12 +115,12 @@ def rank_results(
 
     Args:
         results: Results by planner, of at least one.
-        measure: What planners are ranked by.
+        measure: Measure to rank by.
         comparisons: Comparisons of these planners by this measure, labeled as in
-            `results`. Their tests are used again where they are over the same trials.
+            `results`. Their tests are reused if they are over the same trials.
 
     Raises:
-        ConfigError: Two planners have not done the same task.
+        ConfigError: If two planners did not do the same task.
     """
     for a, b in combinations(results, 2):
         try:
@@ -148,18 +147,18 @@ def rank(
     flips: int = FLIPS,
     tests: PairTests | None = None,
 ) -> Ranking:
-    """Sort planners by mean over the trials that all have; test each pair, after Holm.
+    """Rank planners by mean over the trials that all have, with a test of each pair.
 
     Args:
         planners: Trials by planner, of at least one.
         larger_is_better: Whether larger values of the measure are better.
-        flips: Number of patterns, raised where many pairs need more.
-        tests: Tests of some pairs, which are not made again if they are over the
-            same trials and with as many patterns.
+        flips: Number of patterns, raised if many pairs need more.
+        tests: Tests of some pairs, which are reused if they are over the same trials and
+            with as many patterns.
     """
     matched = matched_trials(list(planners.values()))
     trials = dict(zip(planners, matched, strict=True))
-    # Over common trials only, so that no planner is ahead by its easier worlds.
+    # Over common trials only, so that no planner leads because of easier worlds.
     means = {name: values.average for name, values in trials.items()}
     sign = -1.0 if larger_is_better else 1.0
     names = sorted(planners, key=lambda name: (sign * means[name], name))
@@ -175,8 +174,8 @@ def rank(
         better = trials[names[i]]
         worse = trials[names[j]]
         test = _find_test(tests, names[i], names[j])
-        # Trials that all planners share are among those that two share, so equal
-        # numbers mean equal trials.
+        # Trials that all planners share are among those that two share, so equal numbers
+        # mean equal trials.
         if test is None or test.trials != len(better.values):
             test = difference(better, worse, enough_flips)
         differences[i, j] = test
@@ -205,13 +204,13 @@ def _find_test(tests: PairTests, a: str, b: str) -> Difference | None:
 
 
 class Conclusion(NamedTuple):
-    """What a ranking says; as text, both parts."""
+    """The conclusion from a ranking; str() gives both parts."""
 
     short: str
     """The conclusion in a sentence."""
 
     details: str = ""
-    """How sure it is."""
+    """Sentences on how sure it is."""
 
     def __str__(self) -> str:
         """Return both parts."""
@@ -221,15 +220,15 @@ class Conclusion(NamedTuple):
 def conclude_ranking(ranking: Ranking, measure: Measure) -> Conclusion:
     """Return sentences on who leads a ranking and how sure that is.
 
-    The number of worlds that a clear answer would take is for a power of 0.8, with as
-    many repetitions, and for the test after Holm.
+    The number of worlds that a significant difference would take is for a power of 0.8,
+    as many repetitions, and p-values adjusted by Holm.
 
     Args:
         ranking: Planners ranked by the measure.
-        measure: What they are ranked by.
+        measure: Measure that ranks them.
     """
     if not ranking.trials:
-        return Conclusion("There is no trial that all planners have.")
+        return Conclusion("The planners have no trial in common.")
 
     names = ranking.names
     best = f"{measure.title} {_value_text(measure, ranking.means[0])}"
@@ -241,7 +240,7 @@ def conclude_ranking(ranking: Ranking, measure: Measure) -> Conclusion:
         )
 
     leaders = ranking.leaders
-    # The rival that is level with the first, or else the best that is not.
+    # The best rival that is level with the first or, without one, the best other one.
     next_place = leaders[1] if len(leaders) > 1 else 1
     next_name = names[next_place]
     next_mean = ranking.means[next_place]
@@ -270,11 +269,11 @@ def conclude_ranking(ranking: Ranking, measure: Measure) -> Conclusion:
 
 
 def _describe_lead(ranking: Ranking, measure: Measure, certainty: str) -> str:
-    """Return a sentence on who ranks first where others are level with it.
+    """Return a sentence on the planner that ranks first and those level with it.
 
     Args:
-        ranking: Planners, of which at least two are level with the first.
-        measure: What they are ranked by.
+        ranking: Planners, of which at least two are level.
+        measure: Measure that ranks them.
         certainty: P-value and number of worlds, as text.
     """
     first = ranking.names[0]
@@ -282,7 +281,7 @@ def _describe_lead(ranking: Ranking, measure: Measure, certainty: str) -> str:
     equal = [first]
     behind = []
     for place in ranking.leaders[1:]:
-        # What reads alike is no lead.
+        # Equal texts show no lead.
         if _value_text(measure, ranking.means[place]) == value:
             equal.append(ranking.names[place])
         else:
@@ -304,7 +303,7 @@ def _describe_lead(ranking: Ranking, measure: Measure, certainty: str) -> str:
 def conclude_results(
     results: RowsByPlanner, comparisons: Sequence[Comparison] = ()
 ) -> Conclusion:
-    """Rank planners by the measure of their protocol; return who leads, in sentences.
+    """Rank planners by their protocol's measure; return the conclusion in sentences.
 
     Args:
         results: Results by planner, of at least one, all of one protocol.
@@ -363,12 +362,12 @@ def warn_of_few_worlds(worlds: int) -> str:
         return ""
     return (
         f"Only {count_noun(worlds, 'world')}: with fewer than {FEW_WORLDS}, intervals "
-        "and tests are rough, and hardly any difference is clear."
+        "and tests are rough, and few differences are significant."
     )
 
 
 def _possible_failures(ranking: Ranking, places: Iterable[int]) -> str:
-    """Return a sentence on the upper limits of failure shares, empty if unknown."""
+    """Return a sentence on upper limits of planners' failure shares, "" if unknown."""
     limits = []
     for place in places:
         share = ranking.failures[place]
@@ -390,23 +389,23 @@ def _needed_worlds(test: Difference, ranking: Ranking) -> str:
     # If every world favors the same planner, the test gives p = 2 / 2^worlds.
     fewest = math.ceil(1.0 + math.log2(ranking.tests / ALPHA))
     if test.worlds < fewest:
-        return f" With fewer than {fewest} worlds no difference can be clear."
+        return f" With fewer than {fewest} worlds, no difference can be significant."
 
-    # Bonferroni's level for the hardest step of Holm: an answer on the safe side.
+    # Bonferroni's level, that of Holm's hardest step, is on the safe side.
     level = 1.0 - ALPHA / ranking.tests
     worlds = worlds_for_difference(test.parts, size, repetitions, level)
     if worlds is None:
-        return " No number of worlds up to a million would tell so small a difference."
-    # By chance the variance may say that fewer worlds than there are would do.
+        return " Even a million worlds would not show so small a difference."
+    # By chance, the variance may suggest fewer worlds than there already are.
     needed = max(worlds, test.worlds + 1)
     each = count_noun(repetitions, "trial")
     if 0 < ranking.available < worlds:
         return (
-            f" The {ranking.available} worlds of this set cannot tell such a "
+            f" The {ranking.available} worlds of this set cannot show such a "
             f"difference: it would take about {needed} with {each} each."
         )
     return (
-        f" To tell such a difference {10.0 * POWER:g} times in 10, about {needed} "
+        f" To show such a difference in {10.0 * POWER:g} of 10 runs, about {needed} "
         f"worlds with {each} each would be needed."
     )
 
@@ -414,12 +413,12 @@ def _needed_worlds(test: Difference, ranking: Ranking) -> str:
 def _difference_text(
     measure: Measure, interval: Interval, other: str, mean: float
 ) -> str:
-    """Return a difference without sign, with interval and share of a mean, as text."""
+    """Return the size of a difference as text, with interval and percentage of a mean."""
     size = interval if interval.estimate >= 0.0 else interval.negate()
-    # A difference of shares in percent would read as a share of a share.
+    # A difference of shares is in percentage points.
     unit = " percentage points" if measure.percent else measure.after
     text = measure.text(size) + unit
-    # A share of a share would confuse, and of zero there is none.
+    # A percentage of a share would confuse, and there is none of zero.
     if measure.percent or mean == 0.0:
         return text
     percent = number(100.0 * size.estimate / abs(mean), 1)

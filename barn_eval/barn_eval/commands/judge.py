@@ -18,7 +18,6 @@ from barn_eval.commands.options import (
 from barn_eval.commands.run import print_results
 from barn_eval.running.judge import JudgeOptions, judge
 from barn_eval.running.reporting import describe_end
-from barn_eval.trials.result import exit_code
 from barn_worlds.base.config import fields_of
 
 _OPTIONS = JudgeOptions()
@@ -60,5 +59,4 @@ def command(
         print_notes(f"{row.trial_id}: {describe_end(row)}")
         if row.remarks:
             print_notes(f"  {row.remarks}")
-    print_results(run, results, as_json, show_all=False)
-    return exit_code(results)
+    return print_results(run, results, as_json, show_all=False)

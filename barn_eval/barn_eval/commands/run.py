@@ -271,13 +271,7 @@ def execute(
             " resumes the run"
         )
         raise
-    return _finish(request, results, as_json, show_all)
-
-
-def _finish(request: RunRequest, results: Rows, as_json: bool, show_all: bool) -> int:
-    """Print all results of a run and return the exit code."""
-    print_results(request, results, as_json, show_all)
-    return exit_code(results)
+    return print_results(request, results, as_json, show_all)
 
 
 def _run_observed(
@@ -301,7 +295,7 @@ def _run_observed(
         robot=options.get("robot", "jackal"),
         starts=starts,
     )
-    return _finish(request, results, as_json, show_all)
+    return print_results(request, results, as_json, show_all)
 
 
 def _run_settings(
@@ -331,8 +325,11 @@ def _run_settings(
 
 def print_results(
     request: RunRequest, results: Rows, as_json: bool, show_all: bool
-) -> None:
-    """Print a run's rankings, conclusion and failures, or its JSON; show_all adds tables."""
+) -> int:
+    """Print rankings, conclusion and failures, or JSON; return the exit code.
+
+    `show_all` adds a table of trials, all measures and all pairs of planners.
+    """
     # A trial that failed through no fault of its planner says nothing about it.
     scored: Rows = []
     notes: list[str] = []
@@ -347,7 +344,7 @@ def print_results(
             content = summary.as_json()
         rows = [as_dict(row) for row in results]
         print_json(content | {"results": rows, "notes": notes})
-        return
+        return exit_code(results)
 
     lines: list[object] = list(notes)
     if show_all:
@@ -366,6 +363,7 @@ def print_results(
     if bags.is_dir():
         note += f", bags in {bags}"
     print_notes(note, f"next: barn report {shlex.quote(str(request.out))}")
+    return exit_code(results)
 
 
 def conclude(summary: RunSummary, *, show_all: bool) -> str:

@@ -218,7 +218,7 @@ def test_what_is_not_the_same_task_is_refused(change, words):
 
 def test_nothing_in_common_and_mixed_planners_are_refused():
     elsewhere = [replace(row, world=5) for row in results("eband", worlds=1)]
-    with refused("no trial of the same world and repetition", BarnError):
+    with refused("no world and repetition in common", BarnError):
         compare(results(worlds=1), elsewhere)
     with refused("several planners cannot be compared as one", BarnError):
         compare(results() + results("eband"), results())
@@ -419,7 +419,7 @@ def test_planners_of_one_folder_are_compared_with_each_other(folders, printed):
     assert (entry["a"], entry["b"]) == ("dwa", "gap")
     pair = as_dict(compare_folders(folders / "three:dwa", folders / "three:gap")[0])
     assert entry["rows"] == json.loads(json.dumps(make_json_safe(pair["rows"])))
-    with refused("/a: has one planner only, dwa; name a second folder", BarnError):
+    with refused("/a: has only one planner, dwa; name a second folder", BarnError):
         compare_folders(folders / "a")
 
 
@@ -474,7 +474,8 @@ def test_a_folder_whose_name_has_a_colon_is_that_folder(folders):
 def test_folders_without_a_common_planner_need_a_choice(folders):
     write_folder(folders / "other", results("gap", worlds=1)[:1])
     with refused(
-        r"has dwa, eband and .*other has gap: name them as FOLDER:PLANNER", BarnError
+        r"has dwa, eband and .*other has gap: select planners as FOLDER:PLANNER",
+        BarnError,
     ):
         compare_folders(folders / "both", folders / "other")
 
@@ -517,7 +518,7 @@ def test_a_planner_must_be_shown_not_to_be_worse(
     words = {
         0: "eband is not worse than dwa by more than",
         4: "eband is worse than",
-        5: "it is not shown that eband",
+        5: "the data do not show that eband",
     }
     assert words[code] in " ".join(command(line)[1].split())
 

@@ -70,7 +70,7 @@ def test_attempts_count_until_the_window_closes(lab):
 def test_a_convention_needs_more_than_its_reference(tmp_path, rejected):
     path = tmp_path / "teleop.csv"
     path.write_text("planner,world,outcome,time\nteleop,0,success,15\n", "utf-8")
-    with pytest.raises(ConfigError, match="has trials of teleop alone"):
+    with pytest.raises(ConfigError, match="has only trials of teleop"):
         rank_by_convention([path], CONVENTIONS["finals"])
     message = rejected(f"leaderboard {path} --convention finals --worlds 0", 2)
     assert "--convention takes no --by" in message

@@ -64,7 +64,7 @@ def test_boards_use_common_worlds_or_stand_apart(write_rows):
     (board,) = make_boards([first, fewer, two], "time")
     trials = {row.entry.planner: row.summary.trials for row in board.places}
     assert trials == dict.fromkeys(("gap", "twin", "dwa"), 15)
-    note = "Ranked on the 8 worlds that all have; gap and twin have more."
+    note = "Ranked by the 8 worlds that all planners have; gap and twin have more."
     assert board.notes[0] == note
     change_rows(fewer, lambda row: {"campaign_seed": row["campaign_seed"] + 1})
     both, alone = make_boards([first, fewer, two], "time")

@@ -79,11 +79,13 @@ def test_what_the_results_cannot_say_is_said():
     single = [row for row in results(worlds=4) if row.repetition == 0]
     few, alone = estimate_precision({"dwa": single}).notes
     assert few.startswith("Only 4 worlds")
-    assert alone.startswith("With one trial per world nothing is known of how alike")
+    assert alone.startswith(
+        "With one trial per world, the data do not show how similar"
+    )
     assert {row.repetitions for row in estimate_precision({"dwa": single}).needs} == {1}
-    with refused("DWA: 1 world with time per meter as counted cannot say"):
+    with refused("DWA: 1 world with time per meter as counted cannot show"):
         estimate_precision({"dwa": results(worlds=1)})
-    message = "a difference needs two planners; there are 1: dwa; choose two as FOLDER:PLANNER,PLANNER"
+    message = "a difference needs two planners, got 1: dwa; select two as FOLDER:PLANNER,PLANNER"
     with refused(message):
         estimate_precision({"dwa": results()}, size=0.1)
     with refused("unknown measure 'succes'; did you mean 'success'"):
@@ -110,7 +112,7 @@ def test_a_set_that_is_too_small_is_said_to_be(folders):  # noqa: F811 (a fixtur
     assert precision.notes[-1].startswith("The set has 300 worlds")
     assert {row[1] for row in needs_table(precision).rows} == {"over 300"}
     three = {"dwa": results(), "eband": results("eband"), "gap": results("gap")}
-    note = "For a difference choose two of the 3 planners as FOLDER:PLANNER,PLANNER."
+    note = "For a difference, select two of the 3 planners as FOLDER:PLANNER,PLANNER."
     assert estimate_precision(three).notes[0] == note
 
 

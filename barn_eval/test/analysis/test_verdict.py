@@ -162,9 +162,9 @@ def test_an_open_conclusion_says_how_many_worlds_to_add():
         r"([AB]) ranks first; its lead over [AB] is not significant \(p = 0\.\d+, 20 w"
     )
     assert re.match(lead, text)
-    needs = r"8 times in 10, about (\d+) worlds with 2 trials each would be needed"
+    needs = r"in 8 of 10 runs, about (\d+) worlds with 2 trials each would be needed"
     assert int(re.search(needs, text)[1]) > 20
-    limit = "With fewer than 6 worlds no difference can be clear"
+    limit = "With fewer than 6 worlds, no difference can be significant"
     assert limit in sentence(5.0, worlds=5)
     same = planner(0.0, 1)
     assert (
@@ -249,7 +249,7 @@ def test_what_is_compared_across_classes_or_commits_is_named(tmp_path):
     entries = [Entry("A", "", old, "dwa", slow), Entry("B", "", new, "dwa", fast)]
     assert list(find_mixture(entries[:1])) == []
     classes, commits = find_mixture(entries)
-    assert classes.endswith("rank apart: A up to 0.5 m/s; B up to 1 m/s.")
+    assert classes.endswith("rank separately: A up to 0.5 m/s; B up to 1 m/s.")
     assert (
         commits
         == f"Commits differ: {'1' * 12} in {old.path}, {'2' * 12} in {new.path}."
@@ -261,6 +261,6 @@ def test_a_set_that_is_too_small_to_tell_is_said_to_be():
     b = planner(10.05, 2, 20)
     ranking = replace(by_time({"A": a, "B": b}), available=21)
     words = (
-        "The 21 worlds of this set cannot tell such a difference: it would take about"
+        "The 21 worlds of this set cannot show such a difference: it would take about"
     )
     assert words in conclude_ranking(ranking, TIME).details

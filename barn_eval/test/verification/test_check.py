@@ -241,12 +241,12 @@ FORGERIES = {
     ),
     "a time below zero": (
         lambda row: {"scores__traversal_time_s": -5.0},
-        "scores.traversal_time_s is -5, can be 0",
+        "scores.traversal_time_s is -5, must be 0",
     ),
-    "a success": (won, "outcome is success in the row, its track"),
+    "a success": (won, "outcome is success in the row, but the track"),
     "a success too fast for the robot": (
         lambda row: won(row, 3.0),
-        "outcome is success in the row, its track",
+        "outcome is success in the row, but the track",
     ),
     "another time on the clock": (
         lambda row: {"scores__traversal_time_s": 0.5},

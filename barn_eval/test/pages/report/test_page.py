@@ -322,7 +322,7 @@ def failed(row):
         (lambda rows: [*map(failed, rows[::2]), *rows[1::2]], "planner_not_ready"),
         (
             lambda rows: [row | {"world_checksum": "0" * 64} for row in rows],
-            "is not the one it ran in any more",
+            "has changed since the trial",
         ),
         (
             lambda rows: [
