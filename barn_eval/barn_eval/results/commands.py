@@ -1,4 +1,4 @@
-"""The commands of a trial, by which anybody can drive it again without its planner."""
+"""Commands of trials, with which anybody can drive them again without the planner."""
 
 import json
 from collections import Counter
@@ -18,34 +18,32 @@ from barn_worlds.base.compute import CycleTimer
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import nanoseconds
 
-# A trial with more readings keeps no commands. At 20 Hz these are 37 minutes, and even
+# A trial with more readings keeps no commands. At 20 Hz this is 37 minutes, and even
 # random numbers fit into the longest line that is read.
 MAX_COMMANDS = 45_000
-# In m/s and rad/s: who changes another's commands by less hides nothing.
+# In m/s and rad/s. Copied commands still count as equal if changed by less.
 _EQUAL = 0.01
-# Two numbers of 8 bytes for each reading.
+# Two numbers of 8 bytes per reading.
 _MAX_BYTES = 16 * MAX_COMMANDS
 
 
 class PlannerCycles:
-    """When a trial asks its planner, and how late the commands take effect."""
+    """Decides when a trial asks its planner, and how late commands take effect."""
 
     def __init__(self, spec: TrialSpec):
-        """Begin with delays as the trial declares or has recorded them."""
+        """Begin a trial with its declared or recorded delays."""
         config = spec.simulator
         self._timer = CycleTimer(spec.compute, spec.planner_seed, spec.recorded_ns)
         self._scan_ns = config.scan_steps * nanoseconds(config.control_period_s)
 
     def start(self, stamp_ns: int) -> int | None:
-        """Start a cycle if this instant has a scan and the planner is free.
+        """Return the command's delay [ns] if a cycle starts at this instant, else None.
 
-        Then the planner is to be asked. Nothing here asks it.
+        A cycle starts if the instant has a scan and the planner is free. The caller then
+        asks the planner.
 
         Args:
-            stamp_ns: Time since the first reading; instants come in their order.
-
-        Returns:
-            Delay of the command in ns, None if no cycle starts.
+            stamp_ns: Time since the first reading; instants must come in order.
         """
         if stamp_ns % self._scan_ns or not self._timer.is_free(stamp_ns):
             return None
@@ -53,24 +51,24 @@ class PlannerCycles:
 
 
 def commands_line(finished: FinishedTrial) -> str | None:
-    """Return a trial's exact commands as a line of commands.jsonl, without checksum.
+    """Return a trial's commands as a line of commands.jsonl, or None if not repeatable.
 
-    None if the trial cannot be driven again by them: it has no readings, too many, or
-    commands over ROS that took effect at times unknown.
+    The line has no checksum. A trial cannot be driven again if it has no readings, too
+    many, or commands over ROS that took effect at unknown times.
     """
     commands = finished.trajectory.command
     if not 0 < len(commands) <= MAX_COMMANDS or not _are_exact(finished):
         return None
     content = {"trial_id": finished.result.trial_id}
-    # To the last bit: rounded commands would lead along another trajectory.
+    # Exact to the last bit, because rounded commands lead to another trajectory.
     content |= pack_arrays({"commands": commands.ravel()})
     return json.dumps(content, separators=(",", ":"))
 
 
 def _are_exact(finished: FinishedTrial) -> bool:
-    """Tell whether each scan has just one command, in time, and no other reading any.
+    """Tell whether each scan has exactly one command, in time, and no other reading any.
 
-    In mode direct that is so. Over ROS commands may come late, or several to a scan.
+    This always holds in mode direct. Over ROS, commands may be late, or several to a scan.
     """
     row = finished.result
     if row.mode == "direct":
@@ -92,13 +90,13 @@ def parse_commands_line(line: str, where: str) -> tuple[str, Floats]:
 
     Args:
         line: The line without its checksum.
-        where: File and line, with which messages begin.
+        where: File and line, for messages.
 
     Returns:
         The name, and the command (n, 2) of each reading in m/s and rad/s, NaN for none.
 
     Raises:
-        ConfigError: The line holds no commands.
+        ConfigError: If the line holds no commands.
     """
     trial_id, content = parse_trial_line(line, where, "commands")
     try:
@@ -113,17 +111,15 @@ def parse_commands_line(line: str, where: str) -> tuple[str, Floats]:
 def count_equal_commands(
     trials: Iterable[tuple[Hashable, str, str]],
 ) -> Counter[tuple[str, str]]:
-    """Count trials in which two planners' lines of commands nearly agree, by names.
-
-    Commands that hardly differ at any instant count as the same.
+    """Count by pair of planners the trials in which their commands are nearly equal.
 
     Args:
-        trials: What a trial shares with those that it is compared with, such as its
-            world; name of the planner; line of its commands.
+        trials: A key that compared trials share, such as the world; name of the planner;
+            line of its commands. Damaged lines are ignored.
     """
     drives: dict[tuple[Hashable, int], list[tuple[str, Floats]]] = {}
     for shared, planner, line in trials:
-        # A line that is damaged is reported where its trial is checked.
+        # Checking the trial reports a damaged line.
         with suppress(ConfigError):
             _, commands = parse_commands_line(line, planner)
             drives.setdefault((shared, len(commands)), []).append((planner, commands))
@@ -142,13 +138,13 @@ def count_equal_commands(
 
 
 def requires_commands(row: TrialResult, spec: TrialSpec) -> bool:
-    """Tell, from its row alone, whether commands.jsonl must have a trial's commands.
+    """Tell from a trial's row whether commands.jsonl must have its commands.
 
     Args:
         row: The trial's row.
         spec: The trial.
     """
-    # A trial that ended before a reading has no commands, but one that drove has.
+    # A trial that ended before any reading has no commands.
     readings = row.scores.duration_s / spec.simulator.control_period_s + 1.0
     is_short = readings < MAX_COMMANDS
     return row.mode == "direct" and is_short and row.measures.driven_m > 0.0

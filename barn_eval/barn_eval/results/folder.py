@@ -2,7 +2,7 @@
 
 OUT/run.json                configuration and checksums of worlds; versions, commit and
                             machine of each session
-OUT/worlds.npz              the worlds, where they were given as Python objects
+OUT/worlds.npz              the worlds, if they were given as Python objects
 OUT/results.jsonl           one line per finished trial, on the disk before it counts,
                             in the order in which trials ended
 OUT/tracks.jsonl            one line per trial that began: what the robot did; in the
@@ -11,7 +11,7 @@ OUT/commands.jsonl          one line per trial that can be driven again: its com
 OUT/results.parquet, .csv   results in the order of trials, without wall-clock figures,
                             once the run is complete
 OUT/timing.parquet, .csv    the wall-clock figures
-OUT/bags/TRIAL_ID/          rosbag2 directories, where the run keeps them
+OUT/bags/TRIAL_ID/          rosbag2 directories, if the run keeps them
 OUT/losses/TRIAL_ID.txt     what is known of attempts that gave no result
 OUT/tracebacks/TRIAL_ID.txt of planners that raised an exception in mode direct
 OUT/logs/                   of mode ros: what the nodes printed
@@ -64,12 +64,12 @@ class ResultsFolder:
 
     Attributes:
         path: The folder.
-        completed: Results that were there when it was opened, in the order of trials.
-            Later ones are in the files alone, so that memory does not grow with them.
+        completed: Results that the folder had when it was opened, in the order of trials.
+            Later ones are only in the files, so that memory does not grow.
     """
 
     def __init__(self, path: Path, specs: Sequence[TrialSpec], results: Rows):
-        """Prepare a folder that `open` has locked; nothing is read or written.
+        """Prepare a folder that `open` has locked, without reading or writing files.
 
         `results` are the scored rows that the folder has.
         """
@@ -94,31 +94,31 @@ class ResultsFolder:
         isolation: str = "",
         overwrite: bool = False,
     ) -> "Iterator[ResultsFolder]":
-        """Begin or resume a run in a folder that is locked while the context lasts.
+        """Begin or resume a run in a folder, which stays locked during the context.
 
-        It writes run.json and removes rows that do not count, and tracks and commands
-        of trials without a row. Where none counts, or with `overwrite`, all that an
-        earlier run has written goes.
+        This writes run.json and removes rows that do not count, and tracks and commands
+        of trials without a row. If no row counts, or with `overwrite`, everything that
+        an earlier run has written is removed.
 
         Args:
             path: Folder, which need not exist.
             config: Configuration of the run.
             execution: How this session executes it.
             specs: Trials of the run.
-            worlds: Worlds that the folder is to keep, by number.
-            isolation: What keeps planner processes apart in this session, over ROS.
+            worlds: Worlds that the folder must keep, by number.
+            isolation: What keeps planners' processes apart in this session, over ROS.
             overwrite: Remove the results of another run.
 
         Yields:
             The open folder.
 
         Raises:
-            ConfigError: The folder holds results of another run, of other worlds, or
-                anything else; or another process works in it.
-            StoreError: The folder cannot be written.
+            ConfigError: If the folder holds results of another run, of other worlds, or
+                anything else, or if another process works in it.
+            StoreError: If the folder cannot be written.
         """
         run_file = RunFile.for_run(path, config, specs)
-        # A folder of something else is refused before a lock is put into it.
+        # A folder with other content is refused before it gets a lock file.
         find_previous(path)
         with _lock(path):
             remove_partial_files(path)
@@ -126,8 +126,7 @@ class ResultsFolder:
             # Another process may have worked here until the lock was taken.
             completed = find_completed(run_file, specs, overwrite=overwrite)
             if not completed.results:
-                # Logs of the same run tell of trials that ended with an earlier
-                # session.
+                # Logs of the same run describe trials of earlier sessions.
                 is_same_run = not overwrite and run_file.path.exists()
                 if is_same_run:
                     earlier_config = RunFile.read(path).deciding_config()
@@ -135,14 +134,14 @@ class ResultsFolder:
                 _remove_results(path, logs=not is_same_run)
             elif completed.dropped_count:
                 RowFile(path).replace(completed.results)
-            # Trials without a row run again, and may then have no line of their own.
+            # Trials without a row run again, and may then write no line.
             completed_ids = set(column(completed.results, "trial_id"))
             for name in (TRACKS_FILE, COMMANDS_FILE):
                 TrialLines(path / name).drop_others(completed_ids)
 
             if worlds is not None and not (path / WORLDS).exists():
                 write_dataset_file(path / WORLDS, Path(WORLDS).stem, worlds)
-            # Sessions whose results were removed made nothing of what follows.
+            # Sessions whose results were removed have no part in the results.
             run_file = replace(run_file, sessions=completed.sessions)
             run_file.with_session(execution, isolation).write()
             yield cls(path, specs, completed.results)
@@ -159,13 +158,13 @@ class ResultsFolder:
         return len(self._places)
 
     def results(self) -> Rows:
-        """Return all rows so far, in the order of trials, read again if any was added."""
+        """Return all rows so far in the order of trials; reads the file if any are new."""
         if len(self._completed_ids) == len(self.completed):
             return self.completed
         return self._in_order(self._rows.read())
 
     def _in_order(self, results: Rows) -> Rows:
-        """Return rows in the order of the run's trials, not that of their ends."""
+        """Return rows sorted by the order of the run's trials."""
         trial_ids = column(results, "trial_id")
         return take(results, np.argsort([self._places[name] for name in trial_ids]))
 
@@ -173,26 +172,26 @@ class ResultsFolder:
         """Append commands, track and, last, row of a trial, each synced to the disk.
 
         Raises:
-            StoreError: Another folder has taken the place of this one.
-            ValueError: The trial has a row already.
+            StoreError: If another folder has taken the place of this one.
+            ValueError: If the trial has a row already.
         """
         with convert_os_errors(StoreError, f"{self.path}: cannot be written"):
             is_same = os.path.samestat(self.path.stat(), self._stat)
-        # A planner that moves the folder away would have its trials a second time.
+        # A planner that moves the folder away could repeat its trials.
         trial_id = record.result.trial_id
         if not is_same:
             raise StoreError(
-                f"{self.path}: is not the folder any more that this run began; somebody"
-                f" moved that, and {trial_id} is lost"
+                f"{self.path}: is no longer the folder in which this run began, which was"
+                f" moved; {trial_id} is lost"
             )
         if trial_id in self._completed_ids:
-            raise ValueError(f"trial {trial_id} has a result already")
+            raise ValueError(f"trial {trial_id} already has a result")
         if record.commands is not None:
             append_line(self.path / COMMANDS_FILE, record.commands)
         if record.track is not None:
             append_line(self.path / TRACKS_FILE, record.track)
-        # The row comes last. A kill before it leaves a track that does not count, and
-        # the trial runs again.
+        # The row comes last. If the process is killed before, the track does not count,
+        # and the trial runs again.
         self._rows.append(record.result)
         self._completed_ids.add(trial_id)
 
@@ -205,7 +204,7 @@ class ResultsFolder:
             text: The text, one or more lines.
 
         Raises:
-            StoreError: It cannot be written.
+            StoreError: If the file cannot be written.
         """
         path = self.path / kind / f"{trial_id}.txt"
         now = datetime.now(timezone.utc).isoformat(timespec="seconds")
@@ -215,19 +214,19 @@ class ResultsFolder:
                 file.write(f"{now} {text}\n")
 
     def count_losses(self, trial_id: str) -> int:
-        """Return how many attempts at a trial gave no result, in any session."""
+        """Return the number of a trial's attempts without a result, in all sessions."""
         try:
             text = (self.path / LOSSES / f"{trial_id}.txt").read_text("utf-8")
         except FileNotFoundError:
             return 0
-        # Each note begins with its time; further lines are of a traceback.
+        # Each note begins with its time; other lines belong to a traceback.
         return len(re.findall(r"^\d{4}-\d\d-\d\dT", text, re.MULTILINE))
 
     def complete(self) -> Rows:
         """Write the result tables, sort tracks.jsonl, and return all rows.
 
         Raises:
-            ValueError: A trial has no result.
+            ValueError: If a trial has no result.
         """
         results = self.results()
         if len(results) != self.total:
@@ -242,12 +241,11 @@ def _lock(path: Path) -> Iterator[None]:
     """Create a folder if missing, and lock it; ConfigError if it is locked already."""
     with convert_os_errors(StoreError, f"{path}: cannot be written"):
         path.mkdir(parents=True, exist_ok=True)
-        # Programs do not inherit it, so no planner that outlives this process holds it.
+        # Child programs do not inherit the lock, so planners that go on do not hold it.
         lock = (path / _LOCK).open("ab")
     with lock:
         try:
-            # The kernel drops the lock of a process that is killed, so none is left
-            # behind.
+            # The kernel releases the lock if this process is killed.
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise ConfigError(
@@ -257,10 +255,10 @@ def _lock(path: Path) -> Iterator[None]:
 
 
 def order_trials_fairly(specs: Sequence[TrialSpec]) -> list[TrialSpec]:
-    """Return all trials, ordered so that each beginning mixes easy and hard worlds.
+    """Return all trials in an order in which any first part mixes easy and hard worlds.
 
-    Repetition by repetition, worlds as `order_worlds_fairly` has them, and all planners
-    in a world one after the other.
+    Trials are sorted by repetition and then by world in the order of
+    `order_worlds_fairly`; all planners follow each other in a world.
     """
     worlds = order_worlds_fairly(spec.world_number for spec in specs)
     places = {world: place for place, world in enumerate(worlds)}
@@ -268,17 +266,16 @@ def order_trials_fairly(specs: Sequence[TrialSpec]) -> list[TrialSpec]:
 
 
 def order_worlds_fairly(worlds: Iterable[int]) -> list[int]:
-    """Return distinct world numbers so that each beginning covers the whole range.
+    """Return distinct world numbers in an order whose first parts cover the whole range.
 
-    The order is van der Corput's sequence. Numbers are ranks of difficulty in the data
-    sets of the suite.
+    The order is van der Corput's sequence. In data sets of the suite, numbers are ranks
+    of difficulty.
     """
     ranked = sorted(set(worlds))
     bits = (len(ranked) - 1).bit_length()
     keys = {}
     for rank, world in enumerate(ranked):
-        # With the bits of a rank reversed, each half of the order covers all ranks
-        # evenly.
+        # With reversed bits of ranks, each half of the order covers all ranks evenly.
         reversed_bits = f"{rank:0{bits}b}"[::-1]
         keys[world] = int(reversed_bits, 2)
     return sorted(ranked, key=keys.__getitem__)
@@ -286,23 +283,23 @@ def order_worlds_fairly(worlds: Iterable[int]) -> list[int]:
 
 @dataclass(frozen=True)
 class CompletedTrials:
-    """What a run has in its folder already."""
+    """Sessions and results that a run's folder already has."""
 
     sessions: tuple[Mapping[str, Any], ...] = ()
     results: Rows = ()
-    # Rows of trials that failed by no fault of the planner, which are run again.
+    # Number of trials that failed through no fault of the planner; they run again.
     dropped_count: int = 0
 
 
 def find_previous(path: Path) -> RunFile | None:
-    """Return the run.json of a folder of results, None of an empty folder.
+    """Return a results folder's run.json, or None if the folder is empty or missing.
 
     Raises:
-        ConfigError: The folder holds anything else.
+        ConfigError: If the folder holds anything else.
     """
     if (path / RUN_FILE).exists():
         return RunFile.read(path)
-    # A kill may leave a file of which only the beginning was written.
+    # A killed process may leave a partially written file.
     for file in path.glob("*"):
         if file.name != _LOCK and not file.match(f".*{PARTIAL_SUFFIX}"):
             raise ConfigError(f"{path}: is not empty and holds no run")
@@ -312,15 +309,15 @@ def find_previous(path: Path) -> RunFile | None:
 def find_completed(
     run_file: RunFile, specs: Sequence[TrialSpec], *, overwrite: bool = False
 ) -> CompletedTrials:
-    """Return sessions and scored rows of a run in its folder; nothing is written.
+    """Return sessions and scored rows that a run's folder already has.
 
     Args:
-        run_file: What the folder's run.json is to say.
+        run_file: Expected content of the folder's run.json.
         specs: Trials of the run.
-        overwrite: Ignore the results of another run.
+        overwrite: Ignore all results in the folder.
 
     Raises:
-        ConfigError: The folder holds results of another run, or anything else.
+        ConfigError: If the folder holds results of another run, or anything else.
     """
     path = run_file.path.parent
     previous = find_previous(path)
@@ -336,14 +333,14 @@ def find_completed(
     for result in results:
         if result.trial_id not in specs_by_id:
             raise ConfigError(
-                f"{path}: holds a result of {result.trial_id}, which is no trial of"
+                f"{path}: holds a result of {result.trial_id}, which is not a trial of"
                 " this run"
             )
         spec = specs_by_id[result.trial_id]
         require_world_of_trial(result, spec, path)
         require_row_of_trial(result, spec, previous)
     for planner in previous.config["planners"]:
-        # Nothing would show that another planner drove the rest.
+        # Otherwise nothing would show if another planner drove the rest.
         if planner["source"] == UNKNOWN_SOURCE and len(results) < len(specs):
             raise ConfigError(
                 f"{path}: planner {planner['name']!r}: its source is unknown, so the"
@@ -357,26 +354,25 @@ def require_world_of_trial(result: TrialResult, spec: TrialSpec, path: Path) -> 
     """Raise ConfigError if a row of the folder `path` was run in another world."""
     if result.world_checksum != spec.world.checksum:
         raise ConfigError(
-            f"{path}: world {result.world} is not the one that {result.trial_id} was"
-            " run in"
+            f"{path}: world {result.world} has changed since {result.trial_id} ran in it"
         )
 
 
 def require_row_of_trial(
     result: TrialResult, spec: TrialSpec, run_file: RunFile
 ) -> None:
-    """Raise ConfigError if a row has another number, seed, mode or task than its trial.
+    """Raise ConfigError if a row's mode, numbers, planner, seeds or task are wrong.
 
-    The message names the first such field.
+    The message names the first wrong field.
 
     Args:
         result: The row.
-        spec: The trial of the row's name.
+        spec: The trial with the row's name.
         run_file: The run.json of its folder.
     """
     path = run_file.path.parent
     columns = {
-        # The mode decides what a trial must have beside its row, such as commands.
+        # The mode decides what a trial must have besides its row, such as commands.
         "mode": run_file.config.get("mode"),
         "world": spec.world_number,
         "planner": spec.planner,
@@ -396,7 +392,7 @@ def require_row_of_trial(
 
 
 def _require_task(result: TrialResult, run_file: RunFile) -> None:
-    """Raise ConfigError if a row names another task than run.json; it may name none."""
+    """Raise ConfigError if a row has another task than run.json; old rows have none."""
     if not run_file.has_task(result.task):
         raise ConfigError(
             f"{run_file.path.parent}: {result.trial_id} was run as task {result.task},"
@@ -406,7 +402,7 @@ def _require_task(result: TrialResult, run_file: RunFile) -> None:
 
 
 def default_folder() -> Path:
-    """Return a new path, such as out/run_20250131_120000_000000; nothing is created."""
+    """Return a new path named after the time, such as out/run_20250131_120000_000000."""
     # To the microsecond, because scripts start several runs within a second.
     return Path("out") / datetime.now().strftime("run_%Y%m%d_%H%M%S_%f")
 
@@ -417,7 +413,7 @@ def read_results(path: Path) -> Rows:
     The run may be unfinished.
 
     Raises:
-        ConfigError: There are none, or one belongs to another task.
+        ConfigError: If there are none, or one belongs to another task.
     """
     rows = RowFile(path).read()
     if not _scored(rows):
@@ -436,10 +432,10 @@ def select_scored(run_file: RunFile, rows: Rows) -> Rows:
         rows: Rows of the folder.
 
     Raises:
-        ConfigError: A row belongs to another task.
+        ConfigError: If a row belongs to another task.
     """
     results = _scored(rows)
-    # The first row of each task stands for the others.
+    # It is enough to check the first row of each task.
     _, first = np.unique(column(results, "task").astype(str), return_index=True)
     for position in np.sort(first).tolist():
         _require_task(results[position], run_file)
@@ -447,26 +443,26 @@ def select_scored(run_file: RunFile, rows: Rows) -> Rows:
 
 
 def _scored(rows: Rows) -> Rows:
-    """Return the rows for which `is_scored` is true."""
+    """Return the rows that did not fail by a fault of simulator or environment."""
     faults = column(rows, "fault").astype(str)
     return take(rows, ~np.isin(faults, [SIMULATOR, ENVIRONMENT]))
 
 
 def _remove_results(path: Path, *, logs: bool) -> None:
-    """Delete what a run has written; logs and notes of lost attempts if `logs`."""
+    """Delete all files of a run, but logs and notes of lost attempts only if `logs`."""
     lines = (ROWS_FILE, TRACKS_FILE, COMMANDS_FILE)
     for name in (RUN_FILE, *lines, *TABLE_FILES, WORLDS, WORLDS_MANIFEST):
         (path / name).unlink(missing_ok=True)
 
     for name in (BAGS, TRACEBACKS, *((LOSSES,) if logs else ())):
-        # Only what has the name of a trial: users may keep files of their own here.
+        # Only files with names of trials, because users may keep other files here.
         for entry in (path / name).glob("*_w[0-9]*_r[0-9]*"):
-            # What a link leads to is not of this run.
+            # The target of a link does not belong to this run.
             if entry.is_dir() and not entry.is_symlink():
                 shutil.rmtree(entry)
             else:
                 entry.unlink()
-        # It is not there, or holds what somebody else has put into it.
+        # The folder is missing, or holds files of the user.
         with suppress(OSError):
             (path / name).rmdir()
 

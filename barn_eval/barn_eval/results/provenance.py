@@ -1,4 +1,4 @@
-"""What results were made with: versions, the commit of the source, and the machine."""
+"""Find out what results are made with: versions, the source's commit, the machine."""
 
 import os
 import platform
@@ -38,10 +38,10 @@ def _library_version(library: str) -> str:
 
 
 def commit() -> str:
-    """Return the suite's full commit, with "+changes" where tracked files differ.
+    """Return the suite's full commit, plus "+changes" if tracked files differ, or "".
 
-    A wheel and an archive of the source have it in a file (qa/build_backend.py). Empty
-    if there is neither a repository nor that file.
+    Wheels and source archives have it in a file (qa/build_backend.py). It is empty
+    without a repository and that file.
     """
     built = Path(__file__).parents[1] / "data" / "commit"
     revision = commit_of(Path(__file__).parent)
@@ -51,11 +51,11 @@ def commit() -> str:
 
 
 def commit_of(folder: Path) -> str:
-    """Return HEAD of the suite's repository around a folder, empty for any other.
+    """Return HEAD of the suite's repository around a folder, or "" for any other folder.
 
-    With "+changes" where tracked files differ from it.
+    "+changes" is appended if tracked files differ from HEAD.
     """
-    # The suite may be installed below the repository of somebody else.
+    # The suite may be installed inside another repository.
     if not _git(folder, "ls-files", ":(top,glob)**/barn_eval/package.xml"):
         return ""
     # Files that git does not track, such as results, change no code.
@@ -76,11 +76,8 @@ def machine() -> dict[str, Any]:
 
 
 def _git(folder: Path, *arguments: str) -> str:
-    """Run git in a folder; return its stripped output, empty if it fails.
-
-    It fails after 10 s, too.
-    """
-    # Without locks, so that asking does not disturb a command of the user's.
+    """Run git in a folder; return its stripped output, or "" if it fails or takes 10 s."""
+    # Without locks, so that this does not disturb the user's own git commands.
     command = ["git", "--no-optional-locks", "-C", str(folder), *arguments]
     try:
         process = subprocess.run(  # noqa: S603
@@ -92,7 +89,7 @@ def _git(folder: Path, *arguments: str) -> str:
 
 
 def _processor() -> str:
-    """Return the processor's model name; its architecture where none is known."""
+    """Return the processor's model name, or its architecture if that is unknown."""
     try:
         lines = Path("/proc/cpuinfo").read_text("utf-8").splitlines()
     except OSError:

@@ -1,4 +1,4 @@
-"""Rows as columns, in which a million rows take less than a gigabyte."""
+"""Store rows as columns, so that a million rows take less than a gigabyte."""
 
 import math
 import typing
@@ -17,10 +17,10 @@ from barn_eval.trials.result import READABLE_SCHEMAS, Outcome, Rows, TrialResult
 from barn_worlds.base.arrays import Bools, Integers
 from barn_worlds.base.config import as_dict
 
-# So many rows are in memory as objects while a table is read or iterated over.
+# Number of rows that are in memory as objects while a table is read or iterated over.
 BATCH_ROWS = 1024
 
-# What rows of these lack has a default. Rows of schema 2 may need run.json.
+# Fields that rows of these schemas lack have defaults. Rows of schema 2 may need run.json.
 _PLAIN_SCHEMAS = set(READABLE_SCHEMAS) - {2}
 
 _ARROW_TYPES: dict[type, pa.DataType] = {
@@ -37,17 +37,17 @@ class RecordField:
 
     name: str
     kind: Any
-    """Its type where it has a value."""
+    """Type of its value, if it has one."""
 
     is_optional: bool
     """Whether None is allowed."""
 
     default: Any
-    """Value without one in the file, MISSING if there has to be one."""
+    """Value if the file has none; MISSING if the file must have one."""
 
     @property
     def is_record(self) -> bool:
-        """Whether it has fields of its own."""
+        """Whether the field is a record with fields."""
         return is_dataclass(self.kind)
 
     @property
@@ -63,12 +63,12 @@ class RecordField:
 
 @cache
 def record_fields(record: Any) -> list[RecordField]:
-    """Return the fields of a dataclass of rows, in their order."""
+    """Return a description of each field of a dataclass, in their order."""
     hints = typing.get_type_hints(record)
     record_items = []
     for item in fields(record):
         hint = hints[item.name]
-        # Of an optional field, the type that it has if it is there.
+        # For an optional field, the type of its value.
         kinds = [kind for kind in typing.get_args(hint) if kind is not type(None)]
         kind = kinds[0] if kinds else hint
         record_items.append(RecordField(item.name, kind, bool(kinds), item.default))
@@ -81,7 +81,7 @@ _SCHEMA = pa.schema(
 
 
 class RowTable(Sequence[TrialResult]):
-    """Rows as columns; a row is made when it is asked for."""
+    """Rows stored as columns; a row object is made when it is accessed."""
 
     __hash__ = None  # type: ignore[assignment]  # as of a list
 
@@ -99,7 +99,7 @@ class RowTable(Sequence[TrialResult]):
 
     @classmethod
     def of(cls, rows: Iterable[TrialResult]) -> "RowTable":
-        """Return a table of rows, of which few are in memory at a time."""
+        """Return a table of rows; only a batch of row objects is in memory at a time."""
         iterator = iter(rows)
         tables = []
         while batch := list(map(as_dict, islice(iterator, BATCH_ROWS))):
@@ -130,7 +130,7 @@ class RowTable(Sequence[TrialResult]):
         return _make_rows(self._table.slice(positions, 1))[0]
 
     def __iter__(self) -> Iterator[TrialResult]:
-        """Make the rows, some at a time."""
+        """Yield the rows as objects, made in batches."""
         for start in range(0, len(self), BATCH_ROWS):
             yield from _make_rows(
                 self._select(self._positions[start : start + BATCH_ROWS])
@@ -141,7 +141,7 @@ class RowTable(Sequence[TrialResult]):
         return isinstance(other, Sequence) and list(self) == list(other)
 
     def _select(self, positions: Integers) -> pa.Table:
-        """Return the rows at these indices of the table as a table of their own."""
+        """Return a copy of the table's rows at these indices."""
         buffers = [None, pa.py_buffer(positions.astype(np.int64))]
         return self._table.take(
             pa.Array.from_buffers(pa.int64(), len(positions), buffers)
@@ -152,19 +152,19 @@ class RowTable(Sequence[TrialResult]):
         return RowTable(self._table, self._positions[positions])
 
     def has(self, path: str) -> bool:
-        """Tell whether a dotted name is that of a column."""
+        """Tell whether the table has a column with this dotted name."""
         return path in self._table.column_names
 
     def column(self, path: str) -> Any:
-        """Return a column as an array (n,), NaN where a number is missing."""
+        """Return a column as an array (n,), with NaN for missing numbers."""
         return _as_array(self._table[path])[self._positions]
 
 
 def column(rows: Rows, path: str) -> Any:
-    """Return a value of each row as an array (n,), NaN where it has none.
+    """Return a field's value of each row as an array (n,), NaN for missing ones.
 
     Args:
-        rows: Any rows; those of a table are not made for it.
+        rows: Any rows. A table returns its column without making row objects.
         path: Dotted name of a field or property, such as "scores.success".
     """
     if isinstance(rows, RowTable) and rows.has(path):
@@ -196,27 +196,27 @@ def join(parts: Sequence[Rows]) -> Rows:
 
 
 def has_motion(rows: Rows) -> Bools:
-    """Tell of each row whether its trial was among moving obstacles (n,)."""
+    """Return a mask (n,): whether each row's trial was among moving obstacles."""
     phases_s = column(rows, "motion.phase_s")
     is_moving: Bools = ~np.isnan(phases_s)
     return is_moving
 
 
 def systems(rows: Rows) -> list[str]:
-    """Return the names of systems in which trials were only observed."""
+    """Return the sorted names of systems in which trials were observed."""
     names = set(column(rows, "observed.system").tolist())
     return sorted(name for name in names if isinstance(name, str))
 
 
 def parse_rows(lines: Sequence[str]) -> RowTable | None:
-    """Return the rows in lines as some version wrote them, without checksum.
+    """Return the rows in lines without checksums, or None if a line needs a closer look.
 
-    None if there may be anything else in one, which then has to be read by itself: the
-    oldest schema, or what is refused.
+    The caller must then parse line by line, because a line may have the oldest schema or
+    must be refused.
     """
     text = "\n".join(lines)
-    # What begins so is an object of its own, as no nested object has this key. Arrow
-    # reads all of Unicode but lone surrogates as Python does.
+    # A line that begins like this is one object, because no nested object has this key.
+    # Arrow reads all of Unicode as Python does, except lone surrogates.
     begins = all(line.startswith('{"trial_id":') for line in lines)
     if not begins or "\\ud" in text.lower():
         return None
@@ -240,7 +240,7 @@ def parse_rows(lines: Sequence[str]) -> RowTable | None:
 
 
 def _has_all(records: pa.StructArray, kind: Any, text: str) -> bool:
-    """Tell whether records lack nothing that is required, and numbers are finite.
+    """Tell whether records have all required fields, and all numbers are finite.
 
     Args:
         records: Array of structs, none of them null.
@@ -260,13 +260,13 @@ def _has_all(records: pa.StructArray, kind: Any, text: str) -> bool:
 
 
 def _are_finite(values: pa.Array) -> bool:
-    """Tell whether numbers are finite, and of 64 bits if they were integers."""
+    """Tell whether all numbers are finite and below 2**63."""
     numbers = np.from_dlpack(values.drop_null())
     return bool((np.abs(numbers) < 2.0**63).all())
 
 
 def _as_array(values: pa.ChunkedArray) -> Any:
-    """Return a column as an array (n,), NaN where a number is missing."""
+    """Return a column as an array (n,), with NaN for missing numbers."""
     # `to_numpy` would import pandas, which takes half a second and 50 MB.
     if pa.types.is_dictionary(values.type):
         array = values.combine_chunks()
@@ -285,18 +285,18 @@ def _as_array(values: pa.ChunkedArray) -> Any:
 
 
 def _may_be_null(item: RecordField, nulls: int, text: str) -> bool:
-    """Tell whether a field may be null so many times; Arrow takes missing for null."""
+    """Tell whether a field may have `nulls` nulls, which are written or missing in text."""
     if item.is_optional:
         is_written = text.count(f'"{item.name}":null') == nulls
         return is_written or item.default is not MISSING
-    # Left out, it has its default; as null, it is refused.
+    # A missing field gets its default, but a written null is refused.
     return item.default is not MISSING and f'"{item.name}"' not in text
 
 
 def _flatten(table: pa.Table) -> pa.Table:
-    """Return a table with columns of dotted names in place of structs.
+    """Return a table with dotted columns instead of structs, and texts as dictionaries.
 
-    Texts are kept once each, since most are the same in many rows.
+    Most texts are the same in many rows.
     """
     while any(map(pa.types.is_struct, table.schema.types)):
         table = table.flatten()
@@ -308,7 +308,7 @@ def _flatten(table: pa.Table) -> pa.Table:
 
 
 def _make_rows(table: pa.Table) -> list[TrialResult]:
-    """Return the rows of a table with dotted names as objects."""
+    """Return the rows of a table with dotted columns as objects."""
     columns = {}
     for name, values in zip(table.column_names, table.columns, strict=True):
         columns[name] = values.to_pylist()
@@ -318,12 +318,12 @@ def _make_rows(table: pa.Table) -> list[TrialResult]:
 def _make_records(
     kind: Any, columns: Mapping[str, list[Any]], prefix: str
 ) -> list[Any]:
-    """Return a record per row, or None where its first field has no value.
+    """Return a record per row, None for rows in which its first field has no value.
 
     Args:
         kind: Dataclass of the records.
         columns: Values by dotted name.
-        prefix: What the names of its fields begin with.
+        prefix: Beginning of the dotted names of its fields.
     """
     arguments = []
     for item in record_fields(kind):
@@ -337,7 +337,7 @@ def _make_records(
         elif not item.is_optional and item.default is not MISSING:
             values = [item.default if value is None else value for value in values]
         arguments.append(values)
-    # Its first field is required, so only a record that is missing lacks it.
+    # The first field is required, so only a missing record lacks it.
     return [
         None if values[0] is None else kind(*values)
         for values in zip(*arguments, strict=True)

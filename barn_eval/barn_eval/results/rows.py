@@ -1,4 +1,4 @@
-"""Rows, tracks and commands, which survive a kill at any moment; tables of rows."""
+"""Read and write rows, tracks and commands, safe against a kill; write result tables."""
 
 import io
 import os
@@ -63,32 +63,32 @@ _LONGEST_SEAL = 64
 
 
 class RowFile:
-    """The rows of one folder, in the order in which trials ended; it has one writer."""
+    """The rows of one folder, in the order in which trials ended. It has one writer."""
 
     def __init__(self, folder: Path):
-        """Use results.jsonl in a run's folder; it need not be there yet."""
+        """Use results.jsonl in a run's folder, which need not exist yet."""
         self.path = folder / ROWS_FILE
 
     def append(self, result: TrialResult) -> None:
         """Append a row with its checksum to results.jsonl and sync it to the disk.
 
         Raises:
-            StoreError: That failed; the rows are as they were.
+            StoreError: If this fails; the earlier rows are kept.
         """
         append_line(self.path, to_json_line(result))
 
     def replace(self, results: Rows) -> None:
-        """Rewrite results.jsonl atomically with these rows only; errors as `append`."""
+        """Rewrite results.jsonl atomically with only these rows; errors as in `append`."""
         lines = (f"{seal_line(to_json_line(row))}\n".encode() for row in results)
         write_parts_durably(self.path, lines)
 
     def read(self) -> RowTable:
-        """Return all rows in file order, but a torn last line; none without a file.
+        """Return all rows in file order; none if there is no file.
 
         A last line that a kill cut off is left out.
 
         Raises:
-            ConfigError: A line is damaged, or a trial has two rows.
+            ConfigError: If a line is damaged, or a trial has two rows.
         """
         parser = RowParser(self.path.parent)
         trial_ids: set[str] = set()
@@ -112,12 +112,12 @@ class RowParser:
     """Parses rows of one folder, which an earlier version may have written."""
 
     def __init__(self, folder: Path):
-        """Name the run's folder, whose run.json says what an old row lacks."""
+        """Use a run's folder, whose run.json has values that old rows lack."""
         self._folder = folder
 
     @cached_property
     def _failure_time_s(self) -> float:
-        """The most seconds that a failure counts with, by the protocol in run.json."""
+        """The longest time [s] that a failure counts, by the protocol in run.json."""
         protocol = RunFile.read(self._folder).run_config().protocol
         return protocol.longest_failure_time_s
 
@@ -130,18 +130,18 @@ class RowParser:
             return ""
 
     def parse(self, line: str, where: str) -> TrialResult:
-        """Return the row in a line of results.jsonl, whose checksum is removed.
+        """Return the row in a line of results.jsonl.
 
         Args:
             line: The line without its checksum.
-            where: File and line, with which messages begin.
+            where: File and line, for messages.
 
         Raises:
-            ConfigError: The line is no result that this version reads.
+            ConfigError: If the line is not a row that this version can read.
         """
         content = parse_json(line, where)
         scores = as_mapping(content).get("scores")
-        # The first rows of schema 2 did not have it.
+        # The first rows of schema 2 lack this time.
         if (
             isinstance(scores, dict)
             and content.get("schema_version") == 2
@@ -155,33 +155,33 @@ class RowParser:
 
 
 class TrialLines(Mapping[str, str]):
-    """Lines of tracks or commands by trial, not parsed; the last one of each counts.
+    """The last line of each trial in a file of tracks or commands, not parsed.
 
-    Only their places are kept. A line is read when it is asked for.
+    Only places in the file are kept in memory. A line is read when it is accessed.
     """
 
     def __init__(self, path: Path):
-        """Find and check all lines of a file, but a last one that a kill cut off.
+        """Find and check all lines of a file, except a last one that a kill cut off.
 
         Args:
-            path: tracks.jsonl or commands.jsonl; it need not be there.
+            path: tracks.jsonl or commands.jsonl, which need not exist.
 
         Raises:
-            ConfigError: A line is damaged or names no trial.
+            ConfigError: If a line is damaged or names no trial.
         """
         self._path = path
         self._spans: dict[str, tuple[int, int]] = {}
         self._line_count = 0
         file = None
         with suppress(OSError):
-            # It stays open, so that the places stay true if the file is replaced.
+            # The file stays open, so that places stay valid if it is replaced.
             file = open_regular(path)
             weakref.finalize(self, file.close)
             self._descriptor = file.fileno()
         what = "track" if path.name == TRACKS_FILE else "commands"
         start = 0
         for where, line in read_lines(path, file):
-            # A trial that a kill left without a row was run again.
+            # A trial may have several lines if a kill left it without a row.
             trial_id, _ = parse_trial_line(unseal_line(line, where), where, what)
             size = len(line.encode()) + 1
             self._spans[trial_id] = (start, size)
@@ -189,7 +189,7 @@ class TrialLines(Mapping[str, str]):
             self._line_count += 1
 
     def __getitem__(self, trial_id: str) -> str:
-        """Return the line of a trial without its checksum, which is checked."""
+        """Return the line of a trial, with its checksum checked and removed."""
         line = self._read(trial_id)[:-1].decode()
         return unseal_line(line, f"{self._path}, {trial_id}")
 
@@ -202,30 +202,30 @@ class TrialLines(Mapping[str, str]):
         return len(self._spans)
 
     def _read(self, trial_id: str) -> bytes:
-        """Return the line of a trial as it is in the file."""
+        """Return the bytes of a trial's line as they are in the file."""
         start, size = self._spans[trial_id]
-        # Forks of this process share the position of the file.
+        # Not by seeking, because forks of this process share the file's position.
         return os.pread(self._descriptor, size, start)
 
     def arrange(self, trial_ids: Iterable[str]) -> None:
-        """Rewrite the file in the order of `trial_ids`, one line each, no others.
+        """Rewrite the file with one line for each of `trial_ids`, in their order.
 
-        So the file no longer tells which trial ended when. These lines are not used
-        any more then.
+        The file then no longer shows in which order trials ended. Do not use this object
+        afterwards.
         """
         names = [name for name in trial_ids if name in self._spans]
         if self._line_count > len(names) or names != list(self._spans):
             write_parts_durably(self._path, map(self._read, names))
 
     def drop_others(self, trial_ids: Set[str]) -> None:
-        """Rewrite the file without trials other than `trial_ids`, if it has any."""
+        """Rewrite the file without trials that are not in `trial_ids`, if there are any."""
         if not self.keys() <= trial_ids:
             self.arrange([name for name in self if name in trial_ids])
 
 
 def seal_line(line: str) -> str:
     """Return a line of a JSON object with its CRC-32 added as the last key, "crc32"."""
-    # This shows damage, not forgery: against that, `barn check` computes rows again.
+    # This detects damage. To detect forgery, `barn check` computes rows again.
     return f'{line[:-1]},"crc32":"{zlib.crc32(line.encode()):08x}"}}'
 
 
@@ -233,13 +233,13 @@ def unseal_line(line: str, where: str) -> str:
     """Return a line without its CRC-32; ConfigError if that is missing or wrong.
 
     Args:
-        line: The line as `seal_line` has made it.
-        where: File and line, with which messages begin.
+        line: A line made by `seal_line`.
+        where: File and line, for messages.
 
     Raises:
-        ConfigError: The checksum is missing or wrong.
+        ConfigError: If the checksum is missing or wrong.
     """
-    # Searched in the end alone, as a line may be long.
+    # Only the end is searched, because a line may be long.
     seal = _SEAL.search(line, max(0, len(line) - _LONGEST_SEAL))
     if seal is None:
         raise ConfigError(f"{where}: damaged or edited: has no crc32 at its end")
@@ -247,7 +247,7 @@ def unseal_line(line: str, where: str) -> str:
     crc = f"{zlib.crc32(content.encode()):08x}"
     if crc != seal[1]:
         raise ConfigError(
-            f"{where}: damaged or edited: its crc32 is {seal[1]}, that of its content"
+            f"{where}: damaged or edited: its crc32 is {seal[1]}, but its content has"
             f" {crc}"
         )
     return content
@@ -258,17 +258,17 @@ def append_line(path: Path, line: str) -> None:
 
     Args:
         path: File of rows, tracks or commands, which has one writer.
-        line: One line of JSON without its end.
+        line: One line of JSON without a newline.
 
     Raises:
-        StoreError: That failed; the file holds the whole lines that it had.
+        StoreError: If this fails; the file keeps its complete lines.
     """
     with (
         convert_os_errors(StoreError, f"{path}: cannot be written"),
-        # Without a buffer, nothing that failed is written later.
+        # Without a buffer, data of a failed write are not written later.
         path.open("a+b", buffering=0) as file,
     ):
-        # What a killed writer left of a line would spoil the next one.
+        # An incomplete line of a killed writer would spoil the next one.
         size = _drop_torn_line(file)
         try:
             data = memoryview(f"{seal_line(line)}\n".encode())
@@ -292,14 +292,14 @@ def _drop_torn_line(file: io.FileIO) -> int:
     return size
 
 
-# Fields of a result that are no columns of the table of results.
+# Fields of a row that are not columns of the table of results.
 _NO_COLUMNS = ("wall_clock", "motion", "observed", "delays")
 
 
 def results_table(results: Rows) -> pa.Table:
     """Return an Arrow table of the rows in their order, without wall-clock figures."""
     columns = [*_columns(TrialResult), ("waited_s", pa.float64())]
-    # Runs in worlds where nothing moves have the columns that they always had.
+    # Without moving obstacles, the columns are the same as in earlier versions.
     if has_motion(results).any():
         columns += _columns(Encounters)
         columns += [("hit_at_rest", pa.bool_()), ("not_at_fault", pa.bool_())]
@@ -310,7 +310,7 @@ def results_table(results: Rows) -> pa.Table:
 
 
 def _row_content(result: TrialResult) -> dict[str, Any]:
-    """Return a row as a flat dict of columns, with more than a table may have."""
+    """Return a row as a flat dict of columns, which may be more than a table has."""
     row: dict[str, Any] = {"waited_s": result.waited_s}
     for name, value in result.repeatable().items():
         row |= value if isinstance(value, dict) else {name: value}
@@ -321,8 +321,8 @@ def _row_content(result: TrialResult) -> dict[str, Any]:
 
 
 def _make_table(rows: Iterator[dict[str, Any]], schema: pa.Schema) -> pa.Table:
-    """Return a table of rows, of which few are in memory at a time."""
-    # With a schema, a column has its type even where no row has a value.
+    """Return an Arrow table of rows; only a batch of rows is in memory at a time."""
+    # With a schema, a column has its type even if no row has a value.
     parts = [schema.empty_table()]
     while batch := list(islice(rows, BATCH_ROWS)):
         parts.append(pa.Table.from_pylist(batch, schema))
@@ -346,7 +346,7 @@ def write_tables(folder: Path, results: Rows) -> None:
         results: Rows of the tables, in their order.
 
     Raises:
-        StoreError: One cannot be written; the earlier files are in place.
+        StoreError: If a file cannot be written; its earlier version is kept.
     """
     tables = {RESULTS: results_table(results), TIMING: timing_table(results)}
     for name, table in tables.items():
@@ -357,14 +357,14 @@ def write_tables(folder: Path, results: Rows) -> None:
 
 
 def csv_bytes(table: pa.Table) -> bytes:
-    """Return a table as the bytes of a CSV file, its header first."""
+    """Return a table as the bytes of a CSV file with a header."""
     buffer = io.BytesIO()
     pyarrow.csv.write_csv(table, buffer)
     return buffer.getvalue()
 
 
 def _columns(record: Any) -> Iterator[tuple[str, pa.DataType]]:
-    """Yield name and Arrow type of a dataclass's columns, scores and measures flat."""
+    """Yield (name, Arrow type) for a dataclass's columns, with records flattened."""
     for item in record_fields(record):
         if item.name in _NO_COLUMNS:
             continue

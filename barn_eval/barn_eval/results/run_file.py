@@ -1,4 +1,4 @@
-"""run.json: what a folder of results holds, and what it was made with."""
+"""Read and write run.json: the configuration, worlds and sessions of a run."""
 
 import json
 import re
@@ -20,18 +20,18 @@ from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.errors import ConfigError, format_value
 from barn_worlds.base.files import as_mapping, read_json, write_durably
 
-# Describes a submission; an unpacked one has commands in place of bags.
+# Describes a submission. An unpacked submission has commands instead of bags.
 SUBMISSION_FILE = "submission.json"
-# What a submission states and nobody can compute again.
+# What a submission states and nobody can verify.
 CLAIMED = (
     "versions, commit, machine and container",
     "sessions and wall-clock times",
     "measured computing",
-    "who drove, but for planners of the suite",
+    "who drove, except planners of the suite",
 )
 
 RUN_FILE = "run.json"
-# As `barn_eval.results.provenance.commit` returns it. Messages have no other text.
+# As `barn_eval.results.provenance.commit` returns it. Messages show no other text.
 _COMMIT = re.compile(r"[0-9a-f]{8,64}(\+changes)?")
 WORLDS = "worlds.npz"  # of worlds that were given as Python objects
 WORLDS_MANIFEST = "worlds.manifest.json"  # which is written with them
@@ -39,10 +39,10 @@ WORLDS_MANIFEST = "worlds.manifest.json"  # which is written with them
 
 @dataclass(frozen=True, eq=False)
 class RunFile:
-    """What run.json says, as plain data."""
+    """The content of run.json, as plain data."""
 
     path: Path
-    # A `RunConfig` as it was written, which this version may not read any more.
+    # A `RunConfig` as it was written, which this version may not be able to read.
     config: Mapping[str, Any]
     # Checksums of the worlds by their numbers, which are texts in JSON.
     worlds: Mapping[str, str] = field(default_factory=dict)
@@ -84,14 +84,14 @@ class RunFile:
     def for_run(
         cls, folder: Path, config: RunConfig, specs: Iterable[TrialSpec]
     ) -> "RunFile":
-        """Return the run.json of a new run, still without sessions; writes nothing.
+        """Return a new run's `RunFile`, without sessions; no file is written.
 
         Args:
             folder: Folder of the results.
             config: Configuration of the run.
             specs: Trials of the run.
         """
-        # As it comes back from the file, where tuples have become lists.
+        # As read from the file, in which tuples are lists.
         plain_config = json.loads(json.dumps(as_dict(config)))
         worlds = {str(spec.world_number): spec.world.checksum for spec in specs}
         robot = identity.robot_sha256(config.simulator.chassis)
@@ -106,25 +106,25 @@ class RunFile:
             raise ConfigError(f"{error}{self.origin_note()}") from None
 
     def task(self) -> dict[str, Any]:
-        """Return what the task fingerprint hashes, with defaults of this version.
+        """Return the content of the task fingerprint, with this version's defaults.
 
         Raises:
-            ConfigError: As `run_config`.
+            ConfigError: As in `run_config`.
         """
         config = as_dict(self.run_config())
         return identity.plain_task(config, self.robot, self.code_versions)
 
     @cached_property
     def task_fingerprint(self) -> str:
-        """Task fingerprint of the data as they were written, which its rows have."""
+        """Task fingerprint of the data as written, which the folder's rows have."""
         content = identity.plain_task(self.config, self.robot, self.code_versions)
         return identity.fingerprint(content)
 
     def has_task(self, task: str) -> bool:
-        """Return whether a row's task is the folder's; earlier rows may name none."""
+        """Tell whether a row's task is the folder's, or empty as in early rows."""
         if task in ("", self.task_fingerprint):
             return True
-        # Earlier versions hashed the name of a robot of a user's with the rest.
+        # Earlier versions also hashed the name of a user's robot.
         simulator = self.config.get("simulator")
         robot = identity.named_robot_sha256(chassis_in(simulator))
         content = identity.plain_task(self.config, self.robot, self.code_versions)
@@ -132,10 +132,7 @@ class RunFile:
         return task == identity.fingerprint(content)
 
     def origin_note(self) -> str:
-        """Return the end of a message: the commits that wrote the folder, and this.
-
-        Empty if this commit alone wrote it.
-        """
+        """Return " (written at COMMITS, this is COMMIT)", or "" if only this one wrote it."""
         current = commit()
         commits = dict.fromkeys(map(_read_commit, self.sessions))
         if not commits or list(commits) == [current]:
@@ -144,18 +141,21 @@ class RunFile:
         return f" (written at {names}, this is {_shorten(current)})"
 
     def deciding_config(self) -> dict[str, Any]:
-        """Return the plain configuration without `ros` in mode direct and own names."""
+        """Return the plain configuration without values that do not affect results.
+
+        These are the name of a user's robot and, in mode direct, `ros`.
+        """
         config = dict(self.config)
         config["simulator"] = identity.without_own_name(config.get("simulator"))
         if config.get("mode") == "direct":
-            # There they are defaults, to which later versions add fields.
+            # They are defaults, to which later versions add fields.
             config.pop("ros", None)
         return config
 
     def require_same_run(self, other: "RunFile") -> None:
         """Raise ConfigError if configuration, worlds, robot or code versions differ.
 
-        The message names the first key that does. Sessions may differ.
+        The message names the first different key. Sessions may differ.
         """
         parts = (
             ("configuration", self.deciding_config(), other.deciding_config()),
@@ -179,11 +179,11 @@ class RunFile:
             )
 
     def with_session(self, execution: ExecutionConfig, isolation: str) -> "RunFile":
-        """Return a copy with a session that begins now; nothing is written.
+        """Return a copy with a session that begins now; no file is written.
 
         Args:
             execution: How the session executes the run.
-            isolation: What keeps planner processes apart in a run over ROS.
+            isolation: What keeps planners' processes apart in a run over ROS.
         """
         now = datetime.now(timezone.utc)
         session: dict[str, Any] = {"started_at": now.isoformat(timespec="seconds")}
@@ -196,7 +196,7 @@ class RunFile:
     def write(self) -> None:
         """Replace run.json atomically; StoreError if it cannot be written."""
         config = dict(self.config)
-        # A folder that is moved takes its worlds along.
+        # A relative name, so that the folder can be moved with its worlds.
         if config["dataset"] == str((self.path.parent / WORLDS).absolute()):
             config["dataset"] = WORLDS
         content = {
@@ -211,8 +211,8 @@ class RunFile:
 
 
 def _robot_sha256(robot: str, config: Mapping[str, Any]) -> str:
-    """Return a robot's SHA-256 without its name, which earlier versions hashed, too."""
-    # A configuration that cannot be read is refused where it is used.
+    """Return a stored robot's SHA-256, converted if an earlier version hashed its name."""
+    # An unreadable configuration is refused where it is used.
     with suppress(ConfigError):
         chassis = chassis_in(config.get("simulator"))
         if robot == identity.named_robot_sha256(chassis):
@@ -221,7 +221,7 @@ def _robot_sha256(robot: str, config: Mapping[str, Any]) -> str:
 
 
 def _read_sessions(content: Mapping[str, Any]) -> tuple[Mapping[str, Any], ...]:
-    """Return the sessions in run.json's content, leaving out what is no mapping."""
+    """Return the sessions in run.json's content; entries that are no mapping are left out."""
     sessions = content.get("sessions")
     if not isinstance(sessions, list):
         return ()
@@ -229,15 +229,12 @@ def _read_sessions(content: Mapping[str, Any]) -> tuple[Mapping[str, Any], ...]:
 
 
 def _read_commit(session: Mapping[str, Any]) -> str:
-    """Return the commit that a session names, empty if it is not in hex digits."""
+    """Return the commit in a session, or "" if it is missing or not a commit."""
     revision = str(session.get("commit", ""))
     return revision if _COMMIT.fullmatch(revision) else ""
 
 
 def _shorten(revision: str) -> str:
-    """Return the first 8 digits of a commit, and "+changes" where it has that.
-
-    For an empty one "an unknown commit".
-    """
+    """Return the first 8 digits of a commit with any "+changes", or "an unknown commit"."""
     sha, plus, changes = revision.partition("+")
     return f"{sha[:8]}{plus}{changes}" if sha else "an unknown commit"

@@ -1,4 +1,4 @@
-"""What a finished trial leaves: its bag, its row, its track and its commands."""
+"""Keep what a finished trial leaves: its bag, row, track and commands."""
 
 from __future__ import annotations
 
@@ -24,32 +24,32 @@ LOGS = "logs"
 
 @dataclass(frozen=True)
 class TrialRecord:
-    """What a folder keeps of a trial beside its bag."""
+    """What a folder keeps of a trial besides its bag."""
 
     result: TrialResult
-    track: str | None  # line of the track, None where nothing was driven
-    commands: str | None = None  # line of the commands, None where they are not kept
-    traceback: str = ""  # of the exception that the planner raised
+    track: str | None  # line of the track; None if the robot did not drive
+    commands: str | None = None  # line of the commands; None if they are not kept
+    traceback: str = ""  # of an exception that the planner raised
 
 
 @dataclass(frozen=True)
 class BagStore:
-    """Where trials leave their bags; workers share it."""
+    """The place for trials' bags, which workers share."""
 
     folder: Path  # the run's folder
     bags: str = "none"  # which trials keep a bag: all, failed or none
 
     @contextmanager
     def recorder(self, trial_id: str) -> Iterator[Recorder | None]:
-        """Yield a recorder for a trial's new bag, None if the run keeps no bags.
+        """Yield a recorder for a trial's new bag, or None if the run keeps no bags.
 
-        An earlier bag of the trial is deleted. One that the context does not finish
+        An earlier bag of the trial is deleted. A bag that is not finished in the context
         keeps its partial name.
         """
         if self.bags == "none":
             yield None
             return
-        # Loads all message types, which runs without bags do not need.
+        # Only here: it loads all message types, which runs without bags do not need.
         from barn_eval.results.bags.recorder import Recorder  # noqa: PLC0415
 
         path = self._bag(trial_id)
@@ -60,13 +60,12 @@ class BagStore:
             yield recorder
 
     def make_record(self, finished: FinishedTrial) -> TrialRecord:
-        """Return what the folder keeps of a trial; delete a bag it does not keep.
+        """Return what the folder keeps of a trial; delete its bag if it is not kept.
 
-        That is the bag of a success where only bags of failures are kept. Nothing is
-        written.
+        The bag of a success is not kept if the run keeps bags of failures.
         """
         result = finished.result
-        # How a trial ends is known only after its bag has been written.
+        # The outcome is only known after the bag has been written.
         if self.bags == "failed" and result.scores.success:
             shutil.rmtree(self._bag(result.trial_id))
         return TrialRecord(
@@ -74,12 +73,12 @@ class BagStore:
         )
 
     def _bag(self, trial_id: str) -> Path:
-        """Return the path of a trial's bag, whether it is there or not."""
+        """Return the path of a trial's bag, which need not exist."""
         return self.folder / BAGS / trial_id
 
 
 def finish_bag(recorder: Recorder, finished: FinishedTrial) -> None:
-    """Add specification, versions and result to a bag, and give it its final name.
+    """Add specification, versions and result to a bag, and finish it.
 
     Args:
         recorder: Recorder of the bag.

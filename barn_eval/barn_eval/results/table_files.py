@@ -1,4 +1,4 @@
-"""Anybody's table of trials as rows: a CSV file, or out.txt of the BARN Challenge."""
+"""Read rows from a table of trials: a CSV file, or out.txt of the BARN Challenge."""
 
 import csv
 import math
@@ -14,7 +14,7 @@ from barn_eval.trials.trajectory import Measures
 from barn_worlds.base.errors import ConfigError, format_value, suggest
 from barn_worlds.base.files import read_bytes
 
-# What is known of the trials of any table.
+# The system of all trials in tables.
 TABLE_SYSTEM = System("a table", "table", "unknown", "unknown", "unknown", NO_CONTACT)
 ENDINGS = (".csv", ".txt")
 COLUMNS = ("planner", "world", "repetition", "outcome", "time")
@@ -22,7 +22,7 @@ _REQUIRED = ("planner", "world", "outcome")
 _LARGEST_BYTES = 1 << 26
 _LARGEST_NUMBER = 10**9
 
-# Columns of out.txt; of the outcomes, one has a 1.
+# Columns of out.txt; exactly one of the three outcomes is 1.
 _OUT_COLUMNS = ("world", "success", "collision", "timeout", "time", "metric")
 
 
@@ -32,12 +32,12 @@ def is_table_file(path: Path) -> bool:
 
 
 def read_table_file(path: Path) -> list[TrialResult]:
-    """Return the rows of a table; what it lacks is NaN or None.
+    """Return the rows of a table file; values that it lacks are NaN or None.
 
     Raises:
-        ConfigError: A column is missing or unknown, or a value is not allowed.
+        ConfigError: If a column is missing or unknown, or a value is not allowed.
     """
-    # Excel writes a mark at the beginning.
+    # Excel writes a byte order mark at the beginning.
     text = read_bytes(path, _LARGEST_BYTES).decode("utf-8-sig", "replace")
     lines = text.splitlines()
     trials = _csv_trials(path, lines)
@@ -67,7 +67,7 @@ def read_table_file(path: Path) -> list[TrialResult]:
 
 
 def _csv_trials(path: Path, lines: list[str]) -> Iterator[tuple[str, dict[str, str]]]:
-    """Yield "FILE, line N" and values by column of each line of a CSV file."""
+    """Yield ("FILE, line N", values by column) for each row of a CSV file."""
     rows = csv.reader(lines)
     columns = [name.strip().lower() for name in next(rows, [])]
     if not {*_REQUIRED} <= {*columns} <= {*COLUMNS}:
@@ -87,15 +87,18 @@ def _csv_trials(path: Path, lines: list[str]) -> Iterator[tuple[str, dict[str, s
 def _challenge_trials(
     path: Path, lines: list[str]
 ) -> Iterator[tuple[str, dict[str, str]]]:
-    """Yield "FILE, line N" and values of each line of the challenge's out.txt."""
+    """Yield ("FILE, line N", values by column) for each line of out.txt.
+
+    The planner is named after the file.
+    """
     for number, line in enumerate(lines, 1):
         where = f"{path}, line {number}"
         values = line.split()
         flags = values[1:4]
         if len(values) != len(_OUT_COLUMNS) or sorted(flags) != ["0", "0", "1"]:
             raise ConfigError(
-                f"{where}: must be {' '.join(_OUT_COLUMNS)}, with a 1 for how it ended,"
-                f" got {format_value(line)}"
+                f"{where}: must be {' '.join(_OUT_COLUMNS)}, with a 1 for the outcome and"
+                f" 0 for others, got {format_value(line)}"
             )
         trial = dict(zip(_OUT_COLUMNS, values, strict=True))
         trial["planner"] = path.stem
@@ -111,13 +114,13 @@ def _make_row(
     world: int,
     repetition: int,
 ) -> TrialResult:
-    """Return the row of a trial, from its values by column."""
+    """Return a trial's row from its values by column; ConfigError if one is wrong."""
     word = trial["outcome"].strip().lower().replace(" ", "_")
     outcomes = [outcome.value for outcome in Outcome]
     if word not in outcomes:
         raise ConfigError(
-            f"{where}: unknown outcome {format_value(word)}{suggest(word, outcomes)}; it"
-            f" can be {', '.join(outcomes)}"
+            f"{where}: unknown outcome {format_value(word)}{suggest(word, outcomes)};"
+            f" must be one of {', '.join(outcomes)}"
         )
     is_success = word == Outcome.SUCCESS
     time_s = _number(where, "time", trial.get("time", ""))
@@ -161,11 +164,11 @@ def _make_row(
 
 
 def _whole_number(where: str, column: str, text: str) -> int:
-    """Return a whole number from 0 on; ConfigError if the text is none."""
+    """Return a whole number from 0 to 1e9; ConfigError if the text is not one."""
     number = _number(where, column, text)
     if number is None or not number.is_integer() or number > _LARGEST_NUMBER:
         raise ConfigError(
-            f"{where}: {column} {format_value(text)}: must be a whole number from 0 on"
+            f"{where}: {column} {format_value(text)}: must be a whole number of 0 or more"
         )
     return int(number)
 

@@ -1,6 +1,6 @@
-"""The track of a trial: its trajectory, thinned out and rounded to whole numbers.
+"""Tracks of trials: trajectories with fewer samples, rounded to whole numbers.
 
-A track is small enough to be always kept.
+A track is so small that it is always kept.
 """
 
 import base64
@@ -24,7 +24,7 @@ from barn_worlds.base.errors import ConfigError, format_value
 from barn_worlds.base.files import as_mapping, parse_json
 from barn_worlds.base.types import NANOSECONDS_PER_SECOND
 
-# Names of JavaScript's typed arrays by NumPy's kinds: pages unpack the same data.
+# Names of JavaScript's typed arrays by NumPy's kinds, because pages unpack the data.
 _ARRAY_NAMES = {
     "u1": "Uint8Array",
     "i2": "Int16Array",
@@ -40,19 +40,19 @@ def pack_arrays(arrays: Mapping[str, npt.NDArray[Any]]) -> dict[str, Any]:
     """Return arrays by name as JSON-ready data, flat and compressed; shapes are lost.
 
     Returns:
-        "zlib": the content of all arrays, compressed, as base64. "arrays": kind, offset
-        in bytes and length of each in that content.
+        "zlib" has the content of all arrays, compressed, as base64; "arrays" has kind,
+        offset in bytes and length of each array in that content.
     """
     data = bytearray()
     layout = {}
     for name, array in arrays.items():
-        # A typed array of 8 bytes an item can only begin at a multiple of 8.
+        # A typed array with items of 8 bytes must begin at a multiple of 8.
         if len(data) % array.itemsize:
             data += bytes(4)
         kind = array.dtype.str[1:]
         layout[name] = [_ARRAY_NAMES[kind], len(data), array.size]
         data += np.ascontiguousarray(array, f"<{kind}").tobytes()
-        # The next array may have items of 4 bytes, which begin at a multiple of 4.
+        # The next array may have items of 4 bytes, which must begin at a multiple of 4.
         data += bytes(-len(data) % 4)
     return {
         "zlib": base64.b64encode(zlib.compress(data, 6)).decode(),
@@ -67,10 +67,10 @@ def unpack_arrays(
 
     Args:
         content: Plain data, which anybody may have written.
-        max_bytes: The most that they may unpack to.
+        max_bytes: Largest number of bytes that they may unpack to.
 
     Raises:
-        ValueError: They hold no arrays, or too much.
+        ValueError: If they hold no arrays, or too many bytes.
     """
     text = content.get("zlib")
     layout = content.get("arrays")
@@ -83,17 +83,17 @@ def unpack_arrays(
         raise ValueError(f"packed arrays are damaged: {error}") from None
     if not stream.eof:
         raise ValueError(
-            f"packed arrays are cut off, or of more than {max_bytes} bytes"
+            f"packed arrays are cut off, or have more than {max_bytes} bytes"
         )
     try:
         return {
-            # NumPy refuses what reaches beyond the data.
+            # NumPy refuses arrays that reach beyond the data.
             str(name): np.frombuffer(data, _DTYPES[kind], length, offset)
             for name, (kind, offset, length) in layout.items()
         }
     except (KeyError, TypeError, ValueError, OverflowError):
         raise ValueError(
-            f"packed arrays do not hold what they say: {format_value(layout)}"
+            f"packed arrays do not match their layout: {format_value(layout)}"
         ) from None
 
 
@@ -101,8 +101,8 @@ SCHEMA_VERSION = 1
 PERIOD_S = 0.2
 MAX_SAMPLES = 300
 
-# What a sample holds, and the smallest step of each channel in its own unit (s, m, rad,
-# m/s, rad/s). A track that does not fit takes a multiple of a step.
+# Channels of a sample, and the rounding step of each in its own unit (s, m, rad, m/s,
+# rad/s). A track with larger values uses a multiple of the step.
 _STEPS = {
     "time": 0.01,
     "x": 0.005,
@@ -123,12 +123,12 @@ MISSING_SAMPLE = -32768  # NaN as a whole number
 _LARGEST = 32767
 _LARGEST_STEP = 1e30
 
-# In m/s or rad/s. Larger commands, up to infinity, are kept as this, so that they do
-# not cost the others a digit.
+# In m/s or rad/s. Larger commands, up to infinity, are clipped to this, so that others
+# keep their digits.
 LARGEST_COMMAND = 65.0
 
-# What a track may unpack to: a sample takes 2 bytes per channel and one for contact;
-# the first sample comes on top of the most.
+# Bytes that a track may unpack to. A sample takes 2 bytes per channel and one for
+# contact; the first sample comes on top of `MAX_SAMPLES`.
 _MAX_BYTES = (MAX_SAMPLES + 1) * (2 * len(CHANNELS) + 1) + 8
 
 
@@ -137,21 +137,21 @@ _PACKED = ("zlib", "arrays", "steps", "note")
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """What a robot did, thinned out."""
+    """What a robot did, in about five samples a second."""
 
-    samples: Floats  # (n, 9) after `CHANNELS`, NaN where there is nothing
-    contact: Bools  # (n,) since the sample before
+    samples: Floats  # (n, 9) in the order of `CHANNELS`, NaN for missing values
+    contact: Bools  # (n,) since the previous sample
     note: str = ""
 
     content: Mapping[str, Any] | None = None
-    """The data that it was read from, for `packed`."""
+    """The data that the track was read from, for `packed`."""
 
     @property
     def steps(self) -> Floats:
         """Rounding step (9,) of each channel when packed, in its own unit."""
         largest = np.nanmax(np.abs(self.samples), axis=0, initial=0.0)
         steps = np.array(list(_STEPS.values()))
-        # One number less than there are leaves room for rounding.
+        # One number less than possible leaves room for rounding.
         factors = np.ceil(largest / (steps * (_LARGEST - 1)))
         scaled: Floats = steps * np.maximum(1.0, factors)
         return scaled
@@ -179,11 +179,11 @@ class Track:
 def thin_samples(samples: Floats, contact: Bools) -> Track:
     """Return a track of every k-th sample: about 5 a second, at most `MAX_SAMPLES` + 1.
 
-    The first sample stays, then every k-th and the last. Contact and smallest clearance
-    are those since the sample before.
+    The first and the last sample are kept. Contact and smallest clearance are since the
+    previous sample.
 
     Args:
-        samples: Samples (n, 9) after `CHANNELS`, at least one.
+        samples: Samples (n, 9) in the order of `CHANNELS`, at least one.
         contact: Whether (n,) the robot touched an obstacle.
     """
     samples = samples.copy()
@@ -204,7 +204,7 @@ def thin_samples(samples: Floats, contact: Bools) -> Track:
     thinned = samples[last]
     thinned[:, _CLEARANCE] = np.fmin.reduceat(samples[:, _CLEARANCE], first)
     touched = np.logical_or.reduceat(contact, first)
-    # A first group of several samples was kept as its last one, too late for the start.
+    # If the first group has several samples, its last one is too late for the start.
     if last[0]:
         thinned = np.concatenate([samples[:1], thinned])
         touched = np.concatenate([contact[:1], touched])
@@ -212,7 +212,7 @@ def thin_samples(samples: Floats, contact: Bools) -> Track:
 
 
 def make_track(trajectory: Trajectory, spec: TrialSpec) -> Track | None:
-    """Return a trajectory thinned out, with clearances; None if it has no readings.
+    """Return the track of a trajectory, with clearances; None if it has no readings.
 
     Args:
         trajectory: What the robot did.
@@ -228,7 +228,7 @@ def make_track(trajectory: Trajectory, spec: TrialSpec) -> Track | None:
     if not len(clearance):
         clearance = np.full(len(times_s), np.nan)
 
-    # Where there was no command, the last one before it holds.
+    # Without a new command, the previous one holds.
     has_command = ~np.isnan(trajectory.command[:, 0])
     sources = np.where(has_command, np.arange(len(times_s)), 0)
     command = trajectory.command[np.maximum.accumulate(sources)]
@@ -237,10 +237,7 @@ def make_track(trajectory: Trajectory, spec: TrialSpec) -> Track | None:
 
 
 def track_line(finished: FinishedTrial) -> str | None:
-    """Return a trial's track as a line of tracks.jsonl, without checksum, or None.
-
-    None if it has no readings.
-    """
+    """Return a trial's track as a line without checksum; None if it has no readings."""
     track = make_track(finished.trajectory, finished.spec)
     if track is None:
         return None
@@ -250,15 +247,15 @@ def track_line(finished: FinishedTrial) -> str | None:
 
 
 def parse_trial_line(line: str, where: str, what: str) -> tuple[str, dict[str, Any]]:
-    """Return the trial's name and the whole JSON object in a line of a .jsonl file.
+    """Return (trial name, JSON object) of a line of a .jsonl file.
 
     Args:
         line: The line without its checksum.
-        where: File and line, with which messages begin.
-        what: What the line holds of the trial, for messages.
+        where: File and line, for messages.
+        what: Name of the content, for messages.
 
     Raises:
-        ConfigError: The line names no trial.
+        ConfigError: If the line names no trial.
     """
     content = parse_json(line, where)
     trial_id = as_mapping(content).get("trial_id")
@@ -272,10 +269,10 @@ def parse_track_line(line: str, where: str) -> tuple[str, Track]:
 
     Args:
         line: The line without its checksum.
-        where: File and line, with which messages begin.
+        where: File and line, for messages.
 
     Raises:
-        ConfigError: The line is no track.
+        ConfigError: If the line is not a track.
     """
     trial_id, content = parse_trial_line(line, where, "track")
     try:
@@ -285,7 +282,7 @@ def parse_track_line(line: str, where: str) -> tuple[str, Track]:
 
 
 def _read_track(content: Mapping[str, Any]) -> Track:
-    """Return the track in a line's JSON object, unpacked; ValueError if it is none."""
+    """Return the track in a line's JSON object; ValueError if it is not valid."""
     version = content.get("schema_version")
     if version != SCHEMA_VERSION:
         raise ValueError(
@@ -302,14 +299,14 @@ def _read_track(content: Mapping[str, Any]) -> Track:
     are_numbers = (
         isinstance(steps, list)
         and len(steps) == len(CHANNELS)
-        # The bound keeps products with steps finite; NaN is not within it.
+        # The bound keeps products with steps finite, and excludes NaN.
         and all(type(step) in (int, float) for step in steps)
         and all(abs(step) <= _LARGEST_STEP for step in steps)
     )
     if not contact.size or not are_numbers:
         raise ValueError(
-            "there are no samples, or steps are not one finite number per channel of at"
-            f" most {_LARGEST_STEP:g}"
+            "there are no samples, or steps are not one number per channel, each at most"
+            f" {_LARGEST_STEP:g}"
         )
 
     differences = samples.reshape(len(CHANNELS), -1)

@@ -296,7 +296,7 @@ class _Checker:
                 if trial_id in self._specs:
                     yield where, trial_id, content
                 else:
-                    problems.append(f"{where}: {trial_id} is no trial of this run")
+                    problems.append(f"{where}: {trial_id} is not a trial of this run")
         except BarnError as error:
             problems.append(str(error))
 

@@ -220,7 +220,7 @@ def packed(commands):
         ('{"trial_id": "a"}', "no commands: holds no packed arrays"),
         (packed(np.zeros(3)), "no commands: cannot reshape"),
         (packed(np.zeros(4, "f4")), "commands are not 64-bit numbers"),
-        (packed(np.zeros(3_000_000)), "cut off, or of more than"),
+        (packed(np.zeros(3_000_000)), "cut off, or have more than"),
     ],
 )
 def test_what_holds_no_commands_is_refused_in_one_line(line, words):

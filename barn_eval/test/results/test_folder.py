@@ -76,7 +76,7 @@ def test_a_folder_that_was_moved_away_takes_no_result(tmp_path):
         with refused("out: cannot be written: No such file", StoreError):
             folder.append(record(second))
         out.mkdir()
-        with refused("out: is not the folder any more that this run", StoreError):
+        with refused("out: is no longer the folder in which this run", StoreError):
             folder.append(record(second))
 
 
@@ -156,7 +156,7 @@ def test_what_is_no_experiment_is_refused_in_one_line(tmp_path, text, message):
         (
             "trial_id",
             "dwa_w0999_r00",
-            "holds a result of dwa_w0999_r00, which is no trial of this run",
+            "holds a result of dwa_w0999_r00, which is not a trial of this run",
         ),
     ],
 )

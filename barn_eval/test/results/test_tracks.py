@@ -150,9 +150,9 @@ def test_a_line_of_something_else_is_refused_by_its_number(tmp_path):
         ({"zlib": "AAAA"}, "packed arrays are damaged"),
         (
             {"arrays": {"samples": ["Int16Array", 0, 10**9]}},
-            "do not hold what they say",
+            "do not match their layout",
         ),
-        ({"arrays": {"samples": ["Int16Array", -4, 9]}}, "do not hold what they say"),
+        ({"arrays": {"samples": ["Int16Array", -4, 9]}}, "do not match their layout"),
         ({"arrays": {}}, "do not fit together"),
         ({"steps": [1.0] * 8}, "steps are not one finite number per channel"),
         ({"steps": [[1.0], *[1.0] * 8]}, "steps are not one finite number per"),
@@ -160,7 +160,7 @@ def test_a_line_of_something_else_is_refused_by_its_number(tmp_path):
         ({"steps": [float("nan")] * 9}, "numbers must be finite, got NaN"),
         (
             pack_arrays({"samples": np.zeros(9_000_000, "i2")}),
-            "cut off, or of more than",
+            "cut off, or have more than",
         ),
         (
             pack_arrays({"samples": np.zeros(0, "i2"), "contact": np.zeros(0, "u1")}),

@@ -259,7 +259,7 @@ def test_a_users_mistake_stops_the_run_and_keeps_results(tmp_path, config, specs
 def test_a_second_result_of_a_trial_is_not_taken(tmp_path, config, specs):
     with ResultsFolder.open(tmp_path, config, ExecutionConfig(), specs) as folder:
         folder.append(record(specs[0]))
-        with pytest.raises(ValueError, match="has a result already"):
+        with pytest.raises(ValueError, match="already has a result"):
             folder.append(record(specs[0]))
         with pytest.raises(ValueError, match="7 trials have no result"):
             folder.complete()

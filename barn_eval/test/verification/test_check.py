@@ -75,11 +75,11 @@ def test_an_unfinished_folder_is_good_as_far_as_it_goes(folder):
         ),
         (
             lambda out: change_row(out, 1, trial_id="gap_w0009_r00"),
-            "gap_w0009_r00 is no trial of this run",
+            "gap_w0009_r00 is not a trial of this run",
         ),
         (
             lambda out: change_row(out, 1, world_checksum="0"),
-            "world 120 is not the one that gap_w0120_r00 was run in",
+            "world 120 has changed since gap_w0120_r00 ran in it",
         ),
         (
             lambda out: change_row(out, 0, scores__challenge=0.5),

@@ -165,7 +165,7 @@ def test_a_row_of_a_planner_that_was_not_run_is_named(submitted, tmp_path, comma
     path = rewritten(submitted, tmp_path / "forged.zip", change)
     code, _, err = command(f"verify {path}")
     assert code == 1
-    assert "other_w0000_r00 is no trial of this run" in err
+    assert "other_w0000_r00 is not a trial of this run" in err
 
 
 def leave(files):

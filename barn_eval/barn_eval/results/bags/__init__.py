@@ -1,3 +1,3 @@
-"""Bags: what a trial records, and how a recording is read."""
+"""Record trials in bags, and read bags."""
 
-BAGS = "bags"  # folder of them among the results of a run
+BAGS = "bags"  # folder of bags among the results of a run

@@ -1,6 +1,6 @@
-"""Reading of bags: rosbag2 (MCAP, SQLite; folders and files) and ROS 1.
+"""Read bags of rosbag2 (MCAP, SQLite; folders and files) and ROS 1.
 
-Others may have written them; they may be cut off or damaged.
+Others may have written the bags, which may be cut off or damaged.
 """
 
 import re
@@ -34,8 +34,8 @@ from barn_worlds.base.files import open_regular
 from barn_worlds.base.types import seconds
 from barn_worlds.messages.cdr import jazzy_types
 
-# What a damaged or malicious file states must not decide how much memory and time are
-# taken: largest record in bytes, and largest ratio of a chunk that is not small.
+# Limits on the memory and time that a damaged or malicious file may take: largest record
+# in bytes, and largest compression ratio of a chunk that is not small.
 LARGEST_RECORD = 1 << 28
 SMALL_CHUNK = 1 << 22
 LARGEST_RATIO = 256
@@ -57,7 +57,7 @@ DAMAGE = (
     TypeError,
 )
 
-# Bytes of all messages of a bag, and what each takes in memory beside its data.
+# Bytes of all messages of a bag, and bytes of memory per message besides its data.
 LARGEST_BAG = 1 << 29
 MESSAGE_BYTES = 256
 
@@ -114,9 +114,9 @@ class McapFile:
         self._file.close()
 
     def messages(self) -> Iterator[RawMessage]:
-        """Yield undecoded messages of records completed since the last call.
+        """Yield undecoded messages of records that were completed since the last call.
 
-        Raises an error of `DAMAGE` where the file is damaged.
+        Raises an error of `DAMAGE` if the file is damaged.
         """
         if self._file.tell() == 0:
             magic = self._read(len(_MAGIC))
@@ -134,8 +134,7 @@ class McapFile:
                 raise ValueError(f"a record of {size} bytes")
             content = self._read(size)
             if content is None:
-                # A recorder may be at work on the rest, so the next call begins here
-                # again.
+                # A recorder may still write the rest, so the next call begins here again.
                 self._file.seek(-_RECORD_HEAD.size, SEEK_CUR)
                 return
 
@@ -161,10 +160,10 @@ class McapFile:
         """Yield messages of an unpacked chunk; store its types and topics.
 
         Raises:
-            EndOfFile: Its last record is cut off.
+            EndOfFile: If its last record is cut off.
         """
-        # A chunk within a chunk is left out: each level could unpack to 256 times as
-        # much as the one around it.
+        # A chunk within a chunk is ignored, because each level could unpack to 256 times
+        # the size of the one around it.
         end = 0
         while end < len(data):
             kind, size = _RECORD_HEAD.unpack_from(data, end)
@@ -179,16 +178,13 @@ class McapFile:
 
     def _message(self, content: bytes) -> RawMessage:
         """Return the message of a record; KeyError if its channel is unknown."""
-        # There are thousands a second, for which mcap's own reader is too slow.
+        # There are thousands per second, for which mcap's own reader is too slow.
         channel, _, stamp_ns, _ = _MESSAGE_HEAD.unpack_from(content)
         topic, type_name = self._channels[channel]
         return RawMessage(topic, type_name, stamp_ns, content[_MESSAGE_HEAD.size :])
 
     def _take(self, kind: int, content: bytes) -> None:
-        """Store type, topic or metadata of a record that is no message.
-
-        Records of other kinds are ignored.
-        """
+        """Store the type, topic or metadata in a record; ignore any other record."""
         stream = ReadDataStream(BytesIO(content))
         if kind == Opcode.SCHEMA:
             schema = Schema.read(stream)
@@ -207,7 +203,7 @@ class McapFile:
 
 
 def largest_unpacked(data: bytes) -> int:
-    """Return the number of bytes that a chunk may unpack to."""
+    """Return the largest number of bytes that a compressed chunk may unpack to."""
     return min(LARGEST_RECORD, max(SMALL_CHUNK, LARGEST_RATIO * len(data)))
 
 
@@ -215,8 +211,8 @@ def unpack_chunk(chunk: Chunk) -> bytes:
     """Return the decompressed records of a chunk after a check of its size and CRC.
 
     Raises:
-        ValueError: It states too large a size, or has another size or checksum than it
-            states.
+        ValueError: If the chunk states too large a size, or its size or checksum differs
+            from what it states.
     """
     size = chunk.uncompressed_size
     if size > largest_unpacked(chunk.data):
@@ -230,9 +226,9 @@ def unpack_chunk(chunk: Chunk) -> bytes:
     elif chunk.compression == "lz4":
         data = LZ4FrameDecompressor().decompress(data, max_length=size + 1)
     if len(data) != size:
-        raise ValueError(f"a chunk that is not of the {size} bytes that it states")
+        raise ValueError(f"a chunk that does not have the {size} bytes that it states")
     if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
-        raise ValueError("a chunk that has not its checksum")
+        raise ValueError("a chunk with a wrong checksum")
     return data
 
 
@@ -241,12 +237,12 @@ class BagFile:
 
     Attributes:
         path: The bag.
-        metadata: Named mappings that the messages read so far came with.
-        problem: Why the end of `messages` is not the end of the bag, empty if it is.
+        metadata: Named mappings from the part read so far.
+        problem: Why reading ended before the end of the bag; empty if it did not.
     """
 
     def __init__(self, path: Path):
-        """Find the files of a bag (folder or file) and open none; else BagError."""
+        """Find the files of a bag (folder or file); BagError if there are none."""
         self.path = path
         self.metadata: dict[str, dict[str, str]] = {}
         self.problem = ""
@@ -256,12 +252,12 @@ class BagFile:
 
     @property
     def is_empty(self) -> bool:
-        """Whether no message has been read so far, so also before `messages`."""
+        """Whether no message has been read so far, such as before `messages`."""
         return self._first_ns is None
 
     @cached_property
     def types(self) -> dict[str, str]:
-        """Type of each topic; the bag is read to its end, or its first problem."""
+        """Type of each topic; reads the whole bag, up to its end or first problem."""
         types = {}
         for message in self._messages():
             types[message.topic] = message.type_name
@@ -270,20 +266,21 @@ class BagFile:
     def messages(self, topics: Collection[str] = ()) -> Iterator[RawMessage]:
         """Yield undecoded messages in the order of the file, up to any damage.
 
-        `problem` then says what ended the reading. Each call reads from the beginning.
+        After damage, `problem` says what ended the reading. Each call begins at the
+        start of the bag.
 
         Args:
-            topics: The topics to read, all by default.
+            topics: The topics to read. Default: all.
 
         Raises:
-            BagError: The bag is of no format that can be read.
+            BagError: If the bag's format cannot be read.
         """
         size = 0
         for message in self._messages():
             if topics and message.topic not in topics:
                 continue
             unpacked = _unpack(message)
-            # What nobody asks for, such as images, takes no memory.
+            # Topics that are not asked for, such as images, take no memory.
             size += len(unpacked.data) + MESSAGE_BYTES
             if size > LARGEST_BAG:
                 reason = f"it has more than {LARGEST_BAG} bytes of messages"
@@ -295,7 +292,7 @@ class BagFile:
         self.problem = ""
         for message in self._read():
             if not 0 <= message.stamp_ns <= _LATEST_NS:
-                reason = f"a message of the time {message.stamp_ns} ns"
+                reason = f"a message with the time {message.stamp_ns} ns"
                 return self._note("damaged", reason)
             if self._first_ns is None:
                 self._first_ns = message.stamp_ns
@@ -303,16 +300,16 @@ class BagFile:
             yield message
 
     def _find(self, path: Path) -> list[Path]:
-        """Return a bag's files in order of their parts.
+        """Return a bag's files in the order of their parts.
 
         Raises:
-            BagError: There is no bag.
+            BagError: If there is no bag.
         """
         if not path.exists():
             partial = path.with_name(path.name + PARTIAL)
             hint = ""
             if partial.exists():
-                hint = f"; an unfinished one is there: {partial}"
+                hint = f"; there is an unfinished one, {partial}"
             raise BagError(f"{path}: no such bag{hint}")
         if path.is_file():
             return [path]
@@ -336,7 +333,7 @@ class BagFile:
             except (*_DATABASE_DAMAGE, *DAMAGE) as error:
                 if self.is_empty:
                     raise BagError(
-                        f"{path}: not a bag that can be read: {format_error(error)}"
+                        f"{path}: cannot be read as a bag: {format_error(error)}"
                     ) from None
                 self._note("damaged", str(error) and format_error(error))
             if self.problem:
@@ -345,11 +342,11 @@ class BagFile:
     def _mcap_messages(self, path: Path, name: Path) -> Iterator[RawMessage]:
         """Yield messages of an .mcap file; note damage, BagError if it has no record.
 
-        Without a record that can be read, it is taken for another format.
+        Without a readable record, the file counts as another format.
 
         Args:
             path: The file, which may be a temporary one.
-            name: The file that messages name.
+            name: Name of the file for messages.
         """
         try:
             with (
@@ -357,7 +354,7 @@ class BagFile:
                 closing(McapFile(path, self.metadata)) as file,
             ):
                 yield from file.messages()
-                # Without a footer it was cut off between two records.
+                # A file without a footer was cut off between two records.
                 if not file.ended:
                     raise EndOfFile
         except DAMAGE as error:
@@ -374,7 +371,7 @@ class BagFile:
             self._note(what, reason)
 
     def _note(self, what: str, reason: str) -> None:
-        """Set `problem`: what ended the reading, after how many seconds, and why."""
+        """Set `problem` to a text on what ended the reading, when (in s), and why."""
         after_s = seconds(self._last_ns - (self._first_ns or 0))
         self.problem = f"the bag is {what} after {after_s:.2f} s"
         if reason:
@@ -382,9 +379,9 @@ class BagFile:
 
 
 class TrialFollower:
-    """Follows the trial of a folder that is being recorded, and after it the next.
+    """Follows a trial in a folder while it is being recorded, and then the next one.
 
-    Of several trials at a time it follows one.
+    Of several trials at a time, it follows one.
     """
 
     def __init__(self, folder: Path):
@@ -394,12 +391,10 @@ class TrialFollower:
         self._followed: set[Path] = set()
 
     def read(self) -> tuple[bool, list[RawMessage]]:
-        """Return whether this call began another bag, and its new messages.
-
-        It does not wait: without new messages the list is empty.
+        """Return (whether this call began another bag, its new messages), without waiting.
 
         Raises:
-            BagError: The bag is damaged.
+            BagError: If the bag is damaged.
         """
         current = self._current
         if current is not None:
@@ -423,9 +418,9 @@ class TrialFollower:
             self._current = None
 
     def _newest(self) -> Path | None:
-        """Return the unfinished, not yet followed .mcap modified last, None if none.
+        """Return the unfinished .mcap file modified last, or None if there is none.
 
-        The one that is being followed counts, those before it do not.
+        The file that is being followed counts; earlier ones do not.
         """
         written_ns: dict[Path, int] = {}
         for path in set(self._bags.glob(f"*{PARTIAL}/*.mcap")) - self._followed:
@@ -436,10 +431,10 @@ class TrialFollower:
 
 @contextmanager
 def _decompressed(path: Path) -> Iterator[Path]:
-    """Yield a file, or a temporary one of what a file compressed as a whole holds.
+    """Yield a file or, if it is compressed as a whole, a temporary unpacked copy.
 
     Raises:
-        ValueError: It holds too much.
+        ValueError: If it unpacks to too many bytes.
     """
     if path.suffix != ".zstd":
         yield path
@@ -459,8 +454,8 @@ def _decompressed(path: Path) -> Iterator[Path]:
 
 
 def _unpack(message: RawMessage) -> RawMessage:
-    """Return a message, decompressed if it is compressed by itself."""
-    # CDR never begins like this, so no metadata has to say so.
+    """Return a message, decompressed if its data are compressed individually."""
+    # CDR never begins like this, so no metadata is needed to know.
     if message.data[:4] != _ZSTD:
         return message
     with ZstdDecompressor().stream_reader(message.data) as stream:
@@ -469,32 +464,34 @@ def _unpack(message: RawMessage) -> RawMessage:
 
 
 def _sqlite_messages(path: Path) -> Iterator[RawMessage]:
-    """Yield messages of a .db3 file; an error of `_DATABASE_DAMAGE` if damaged."""
+    """Yield messages of a .db3 file; raise an error of `_DATABASE_DAMAGE` if damaged."""
     _require_plain(path)
     uri = f"{path.absolute().as_uri()}?mode=ro"
     with closing(sqlite3.connect(uri, uri=True)) as database:
-        # Joined by SQLite, topics of one number could make of a small file any number
-        # of messages.
+        # A join in SQLite could make any number of messages out of a small file, by many
+        # topics with one number.
         topics = {number: topic for number, *topic in database.execute(_TOPICS)}
         for number, stamp_ns, data in database.execute(_MESSAGES):
             topic, type_name, encoding = topics[number]
             if not isinstance(data, bytes) or not isinstance(stamp_ns, int):
-                raise ValueError(f"a message of {topic!r:.40} that is no message")
+                raise ValueError(
+                    f"a message of {topic!r:.40} with a wrong type of data"
+                )
             known_type = str(type_name) if encoding == "cdr" else ""
             yield RawMessage(str(topic), known_type, stamp_ns, data)
 
 
 def _bound(kind: Any) -> Callable[[bytes], bytes]:
-    """Return how chunks of ROS 1 are unpacked, to no more than those of MCAP may."""
+    """Return a function that unpacks a chunk of ROS 1, up to `largest_unpacked` bytes."""
     return lambda data: bytes(kind().decompress(data, largest_unpacked(data)))
 
 
-# The library itself has no bound.
+# The library itself sets no limit.
 decompressors.update(bz2=_bound(BZ2Decompressor), lz4=_bound(LZ4FrameDecompressor))
 
 
 def _ros1_messages(path: Path) -> Iterator[RawMessage]:
-    """Yield messages of a ROS 1 bag, those of types of ROS 2 as CDR."""
+    """Yield messages of a ROS 1 bag, as CDR if ROS 2 has their type."""
     types = jazzy_types()
     # A pipe or a device is refused before the library opens it.
     open_regular(path).close()
@@ -515,16 +512,14 @@ def _read_new(file: McapFile) -> list[RawMessage]:
         raise BagError(f"{file.path}: is damaged: {format_error(error)}") from None
 
 
-# What reading of SQLite and ROS 1 raises for a damaged file, beside `DAMAGE`.
+# Errors besides `DAMAGE` that readers of SQLite and ROS 1 raise for a damaged file.
 _DATABASE_DAMAGE = (ReaderError, SerdeError, sqlite3.Error, OSError, AssertionError)
 
 
 def _require_plain(path: Path) -> None:
-    """Raise ValueError if an SQLite file has views, triggers or computed columns.
+    """Raise ValueError if an SQLite file has anything but plain tables and indexes.
 
-    Or virtual tables.
-
-    Such code could run for ever.
+    Views, triggers, computed columns and virtual tables have code that could run forever.
     """
     uri = f"{path.absolute().as_uri()}?mode=ro"
     # A pipe or a device is refused before SQLite opens it.

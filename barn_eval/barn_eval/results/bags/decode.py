@@ -1,4 +1,4 @@
-"""What is read from a bag: the content of each type of message, and its trial."""
+"""Decode a bag's messages by type, and read the trial that its metadata describe."""
 
 import math
 from collections.abc import Callable
@@ -27,7 +27,7 @@ _numbers = attrgetter("x", "y", "yaw")  # of a pose
 
 
 def _odometry(data: bytes) -> Odometry:
-    """Return pose, velocity and stamp of an Odometry message; all must be finite."""
+    """Return the content of an Odometry message; MessageError if it is not finite."""
     odometry = decode.odometry(data)
     velocity = odometry.velocity
     _require_finite(velocity.linear, velocity.angular, *_numbers(odometry.pose))
@@ -35,7 +35,7 @@ def _odometry(data: bytes) -> Odometry:
 
 
 def _goal(data: bytes) -> Pose2D:
-    """Return the pose of a PoseStamped message, without its frame; must be finite."""
+    """Return the pose in a PoseStamped message; MessageError if it is not finite."""
     goal = decode.pose(data)
     _require_finite(*_numbers(goal))
     return goal
@@ -68,7 +68,7 @@ def _grid(data: bytes) -> OccupancyMap:
 
 
 def read_mounts(data: bytes) -> dict[str, Pose2D]:
-    """Return poses in base_link by child frame, from transforms of base_link only."""
+    """Return poses in base_link by child frame; transforms of other parents are ignored."""
     mounts = {}
     for transform in decode.transforms(data):
         # In ROS 1, names of frames began with a slash.
@@ -90,9 +90,9 @@ def _require_finite(*values: float) -> None:
 
 
 def decode_planner_status(data: bytes) -> str:
-    """Return the planner status in a DiagnosticArray message, empty if it has none."""
+    """Return the planner's status in a DiagnosticArray message, "" if it has none."""
     try:
-        # Any node may report here, so what makes no sense is no error.
+        # Any node may report here, so an unreadable message is no error.
         for values in decode.diagnostics(data):
             if "status" in values:
                 return values["status"]
@@ -137,9 +137,7 @@ _FRAME_TYPES = {
 
 
 def frame_and_content(topic: str, type_name: str, data: bytes) -> tuple[str, Any]:
-    """Decode a CDR message; return the frame that its content is in, and the content.
-
-    The frame is empty for types without one.
+    """Decode a CDR message; return (frame of its content or "", content).
 
     Args:
         topic: One of `TOPICS`.
@@ -147,7 +145,7 @@ def frame_and_content(topic: str, type_name: str, data: bytes) -> tuple[str, Any
         data: The message as recorded.
 
     Raises:
-        MessageError: The content makes no sense.
+        MessageError: If the content is not plausible.
     """
     content = TOPICS[topic][type_name](data)
     if isinstance(content, decode.Markers):
@@ -160,13 +158,13 @@ def frame_and_content(topic: str, type_name: str, data: bytes) -> tuple[str, Any
 def map_frame(trial: dict[str, Any]) -> Pose2D:
     """Return the pose of the planner's map frame in the map frame of true poses.
 
-    Localization is off with the map by as much.
+    Map and localization of a trial may be shifted by this offset.
     """
     offset = read_specification(trial, "localisation", "offset_x_m", "offset_y_m")
     if offset is None:
         return ORIGIN
-    # A pose that particles match to the map has no fixed offset; the map is off by one
-    # cell.
+    # A pose that particles match to the map has no fixed offset, but the map is off by
+    # one cell.
     is_matched = trial["simulator"]["localisation"].get("historical_map") is True
     map_y = STANDARD_CELL_M if is_matched else 0.0
     # A minus sign alone would turn 0.0 into -0.0.
@@ -176,15 +174,12 @@ def map_frame(trial: dict[str, Any]) -> Pose2D:
 def read_specification(
     trial: dict[str, Any], part: str, *names: str
 ) -> list[float] | None:
-    """Return values of a part of a trial's simulator configuration, or None.
+    """Return values in a trial's simulator configuration; None unless all are finite.
 
     Args:
         trial: Specification of the trial, as its bag has it.
         part: Part of the configuration, such as "lidar".
         *names: Fields of that part.
-
-    Returns:
-        The values; None unless all are there as finite numbers.
     """
     try:
         values = [float(trial["simulator"][part][name]) for name in names]
@@ -194,23 +189,23 @@ def read_specification(
 
 
 def chassis_of(trial: dict[str, Any]) -> tuple[Chassis, str]:
-    """Return the body of a trial's robot, or the standard one and a note on the error.
+    """Return (body of a trial's robot, ""), or (standard body, note) if unreadable.
 
-    That is the standard robot where none is named.
+    A trial that names no robot has the standard one.
     """
     try:
         return chassis_in(trial.get("simulator")), ""
     except ConfigError as error:
         name = STANDARD_ROBOT.name
-        note = f"drawn as a {name}, for its robot cannot be read: {error}"
+        note = f"drawn as a {name}, because its robot cannot be read: {error}"
         return STANDARD_ROBOT.chassis, note
 
 
 def metadata(bag: BagFile, name: str, key: str) -> dict[str, Any]:
-    """Return a mapping from JSON text in a bag's metadata, {} if there is none valid.
+    """Return a mapping from JSON text in a bag's metadata, {} if missing or invalid.
 
     Args:
-        bag: The bag, read so far that it has its metadata.
+        bag: The bag, read far enough to have its metadata.
         name: Name of the metadata.
         key: Key in the metadata.
     """

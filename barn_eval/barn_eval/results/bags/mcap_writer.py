@@ -1,7 +1,7 @@
-"""Writing of MCAP files: messages are packed here, other records by the mcap library.
+"""Write MCAP files: messages are packed here, other records by the mcap library.
 
-The writer of that library takes as long for a trial's messages as the simulator for
-driving it. Format: https://mcap.dev/spec, version 0.
+That library's own writer takes as long for a trial's messages as the simulator takes to
+drive the trial. Format: https://mcap.dev/spec, version 0.
 """
 
 import struct
@@ -39,7 +39,7 @@ _CHUNK = struct.Struct("<BQQQQII4sQ")
 _INDEX = struct.Struct("<BQHI")  # opcode, length, channel, length of the entries
 _LENGTH_BYTES = 9  # opcode and length, which a record's length does not count
 _FOOTER = struct.Struct("<BQQQ")  # what the checksum of the summary takes of it
-# Little is gained by more: a scan is noise.
+# A higher level gains little, because scans are noisy.
 _COMPRESSION_LEVEL = 1
 
 
@@ -65,11 +65,11 @@ class McapWriter:
     """Writes a file in chunks, which stay in memory until `end_chunk`.
 
     Attributes:
-        chunk_bytes: Size of the chunk in memory, not compressed.
+        chunk_bytes: Uncompressed size of the chunk in memory.
     """
 
     def __init__(self, stream: BinaryIO, library: str) -> None:
-        """Write the beginning of a file of profile ros2 by a library of this name."""
+        """Write the beginning of a file with profile ros2 and the library's name."""
         self._stream = stream
         self._compressor = ZstdCompressor(level=_COMPRESSION_LEVEL)
         self._schemas: list[Schema] = []
@@ -82,7 +82,7 @@ class McapWriter:
         stream.write(MCAP0_MAGIC + _to_bytes([Header("ros2", library)]))
 
     def add_schema(self, name: str, definition: str) -> int:
-        """Add the definition of a message type; return its number.
+        """Add a message type's definition to the chunk; return the schema's number.
 
         Args:
             name: Name of the type.
@@ -96,12 +96,12 @@ class McapWriter:
     def add_channel(
         self, topic: str, schema: int, metadata: dict[str, str]
     ) -> WrittenChannel:
-        """Add a topic of messages as CDR.
+        """Add a channel for a topic with CDR messages to the chunk; return it.
 
         Args:
             topic: Name of the topic.
             schema: Number of the schema of its type.
-            metadata: What readers of ROS expect of it.
+            metadata: Metadata that ROS readers expect.
         """
         record = Channel(len(self._channels) + 1, topic, "cdr", metadata, schema)
         channel = WrittenChannel(record)
@@ -125,7 +125,7 @@ class McapWriter:
     def prepare_block(
         self, messages: Iterable[tuple[WrittenChannel, Layout]]
     ) -> MessageBlock:
-        """Return a block of messages; nothing is written.
+        """Return a block of messages for `add_block`; nothing is written.
 
         Args:
             messages: Channels of this file and layouts of their messages, in order.
@@ -164,11 +164,12 @@ class McapWriter:
         self._add(block.layout.fill(*values))
 
     def _add(self, data: bytes) -> None:
+        """Append bytes of records to the chunk in memory."""
         self._chunk.append(data)
         self.chunk_bytes += len(data)
 
     def end_chunk(self) -> None:
-        """Write the chunk, if it has a message, and its indexes; flush the stream."""
+        """Write the chunk and its indexes if it has a message, and flush the stream."""
         filled = [channel for channel in self._channels if channel.index]
         if not filled:
             return
@@ -221,7 +222,7 @@ class McapWriter:
         self._stream.flush()
 
     def add_metadata(self, name: str, texts: Mapping[str, str]) -> None:
-        """Write a named mapping, after the chunk; flush the stream.
+        """End the chunk, write a named mapping, and flush the stream.
 
         Args:
             name: Name of the mapping.
@@ -264,6 +265,7 @@ class McapWriter:
         self._stream.write(summary + MCAP0_MAGIC)
 
     def _statistics(self) -> Statistics:
+        """Return the record of counts and of the first and last time (0 if empty)."""
         counts = {channel.record.id: channel.count for channel in self._channels}
         first_ns = min((chunk.message_start_time for chunk in self._chunks), default=0)
         last_ns = max((chunk.message_end_time for chunk in self._chunks), default=0)
@@ -289,6 +291,7 @@ def _message_head(channel: WrittenChannel, size: int, stamp_ns: int) -> bytes:
 
 
 def _to_bytes(records: Iterable[McapRecord]) -> bytes:
+    """Return records packed by the mcap library, one after the other."""
     builder: Any = RecordBuilder()
     for record in records:
         record.write(builder)

@@ -1,4 +1,4 @@
-"""The messages of a trial's bag: its nodes' and, beyond them, true scene and score."""
+"""Messages of a trial's bag: those of its nodes, the true scene and the score."""
 
 from collections.abc import Iterator
 
@@ -27,22 +27,22 @@ from barn_worlds.messages.scenes import encode_moving, encode_moving_poses, enco
 from barn_worlds.messages.topics import FRAMES, Frames, OutgoingMessage
 from barn_worlds.worlds.scene import TrialScene, scene_of
 
-# Topics that nobody publishes.
+# Topics that no node publishes.
 TRUE_TOPICS = (topics.WORLD, topics.MOVING, topics.MOVING_POSES)
 
-# By which an obstacle has been pushed and does not only tremble.
+# Motion from which an obstacle counts as pushed.
 PUSHED_M = 0.01
 
 
 def trial_scene(spec: TrialSpec) -> TrialScene:
-    """Return obstacles, walls, start, goal and goal radius at a trial's beginning."""
+    """Return a trial's initial scene: obstacles, walls, start, goal and goal radius."""
     course = spec.course
     distance_m = spec.scaled_protocol.goal_distance_m
     return scene_of(spec.world, course.start, course.goal, distance_m)
 
 
 def initial_scene(spec: TrialSpec, stamp_ns: int) -> OutgoingMessage:
-    """Return what stands, path, start and goal as a message of /world; no movers.
+    """Return a message of /world: static obstacles, path, start and goal.
 
     Args:
         spec: The trial.
@@ -54,9 +54,9 @@ def initial_scene(spec: TrialSpec, stamp_ns: int) -> OutgoingMessage:
 def moving_obstacle_scene(
     spec: TrialSpec, since_start_ns: int, stamp_ns: int
 ) -> list[OutgoingMessage]:
-    """Return a message of moving obstacles' shapes and one of poses, [] if not due.
+    """Return messages with moving obstacles' shapes and their poses, [] if not due.
 
-    They are due each 0.1 s in worlds with moving obstacles or walls.
+    They are due every 0.1 s in worlds with moving obstacles or walls.
 
     Args:
         spec: The trial.
@@ -87,10 +87,10 @@ _BLACK = (0.0, 0.0, 0.0, 1.0)
 
 
 class ScoreReporter:
-    """Reports how a trial stands, twice a second and once more at the verdict."""
+    """Reports a trial's score twice a second and once more at the verdict."""
 
     def __init__(self, spec: TrialSpec):
-        """Begin with messages due at once."""
+        """Prepare the messages of a trial; the first ones are due at once."""
         self._course = spec.course
         self._title = f"{spec.planner}, {spec.world.name}"
         self._due_ns = 0
@@ -102,9 +102,9 @@ class ScoreReporter:
         self._text.scale.z = _LETTER_M
 
     def take(self, referee: Referee, stamp_ns: int) -> Iterator[OutgoingMessage]:
-        """Yield score, outcome and text if due: each 0.5 s, and once at the verdict.
+        """Yield score, outcome and text if due: every 0.5 s, and once at the verdict.
 
-        After that nothing.
+        After the verdict, nothing is due.
 
         Args:
             referee: Judges the trial.
@@ -130,7 +130,7 @@ class ScoreReporter:
         yield OutgoingMessage(topics.SCORE_TEXT, serialize(message))
 
     def _describe(self, standing: Standing, score: float) -> str:
-        """Return the text below the start: planner, clock, goal distance, score."""
+        """Return the text to show below the start: planner, clock, distance, score."""
         clock = "clock not started"
         if standing.clock_s is not None:
             clock = f"{standing.clock_s:.2f} s on the clock"
@@ -145,12 +145,12 @@ class ScoreReporter:
 
 
 def running_score(standing: Standing, course: Course) -> float:
-    """Return the challenge metric of the verdict, or as if the goal were reached now.
+    """Return the verdict's challenge metric or, without one, that of an arrival now.
 
-    0 where the optimal time is unknown.
+    It is 0 if the optimal time is unknown.
 
     Args:
-        standing: How the trial stands.
+        standing: State of the trial.
         course: Start, goal and lengths of its world.
     """
     outcome = standing.outcome or Outcome.SUCCESS
@@ -162,8 +162,8 @@ def running_score(standing: Standing, course: Course) -> float:
     return challenge_metric(verdict, course.optimal_time_s) or 0.0
 
 
-# Announced at the start, so that every bag lists them; what a planner shows is
-# announced when it does.
+# Announced at the start, so that every bag lists them. Topics that a planner displays
+# are announced with their first message.
 _ALWAYS = (
     topics.GOAL_POSE,
     topics.CMD_VEL,
@@ -175,10 +175,10 @@ _ALWAYS = (
 
 
 class TrialBag:
-    """Records a trial instant by instant; a message carries the time of its instant."""
+    """Records a trial instant by instant; messages have the time of their instant."""
 
     def __init__(self, recorder: Recorder, spec: TrialSpec):
-        """Announce a trial's topics to its recorder; no message is written yet.
+        """Announce a trial's topics to its recorder.
 
         Args:
             recorder: Recorder of the bag, which stays open.
@@ -187,7 +187,7 @@ class TrialBag:
         self._recorder = recorder
         self._spec = spec
         self._score = ScoreReporter(spec)
-        # A planner that is given a map gets its goal and its pose in it.
+        # A planner with a map gets its goal and its pose in the map frame.
         planning = FRAMES.map if spec.protocol.map_given else FRAMES.odom
         self._frames = Frames(planning=planning)
         self._simulator = SimulatorMessages(spec.simulator, self._frames)
@@ -204,7 +204,7 @@ class TrialBag:
             recorder.announce(topic)
 
     def begin(self, first: Sensors) -> None:
-        """Record URDF, static transforms, map and scene; to be called first, once."""
+        """Record URDF, static transforms, any map, and scene; call this first, once."""
         spec = self._spec
         stamp_ns = first.stamp_ns
         self._recorder.record(self._simulator.constant(), stamp_ns)
@@ -214,7 +214,7 @@ class TrialBag:
         self._recorder.record([initial_scene(spec, stamp_ns)], stamp_ns)
 
     def reading(self, sensors: Sensors, *, asked: bool = True) -> None:
-        """Record sensors and, when due, moving obstacles and the goal, of an instant.
+        """Record an instant's sensors and, when due, moving obstacles and the goal.
 
         Args:
             sensors: The readings.
@@ -223,7 +223,7 @@ class TrialBag:
         stamp_ns = sensors.stamp_ns
         rows = self._simulator.rows(sensors, stamp_ns)
         self._recorder.write_block(self._instant, rows, stamp_ns)
-        # In a bag, each scan is one that the planner answers. Checks rely on that.
+        # Checks rely on this: the planner answers each scan in a bag.
         if asked and sensors.scan.stamp_ns == stamp_ns:
             self._recorder.record(
                 [self._simulator.scan(sensors.scan, stamp_ns)], stamp_ns
@@ -250,8 +250,8 @@ class TrialBag:
 
         Args:
             command: The command, if the planner gives one.
-            decision: What the planner has decided.
-            planner: The planner, for what it shows beside its command.
+            decision: Decision of the planner.
+            planner: The planner, which displays more than its command.
             stamp_ns: Time of the instant.
         """
         if command is not None:
@@ -261,7 +261,7 @@ class TrialBag:
         )
 
     def standing(self, referee: Referee, stamp_ns: int) -> None:
-        """Record score, outcome and their text if due: each 0.5 s and at the end.
+        """Record score, outcome and their text if due: every 0.5 s and at the verdict.
 
         Args:
             referee: Judges the trial, and has judged the instant.

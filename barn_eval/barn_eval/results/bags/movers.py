@@ -1,4 +1,4 @@
-"""The moving obstacles of a trial as its bag has them: ten poses a second."""
+"""Moving obstacles of a trial from its bag, which has ten poses a second."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,15 +11,15 @@ from barn_worlds.geometry.footprint import Footprint
 
 TRAIL_S = 2.0
 
-# How far motion is carried on beyond the last recorded pose.
+# How long motion is extrapolated after the last recorded pose.
 MAX_EXTRAPOLATION_S = 0.1
 
-# A step is a jump and no motion if it is faster than `_JUMP_MPS` plus `_JUMP_RATIO`
-# times the faster neighboring step.
+# A step is a jump, not a motion, if it is faster than `_JUMP_MPS` plus `_JUMP_RATIO` times
+# the faster neighboring step.
 _JUMP_MPS = 3.0
 _JUMP_RATIO = 3.0
 
-# Tolerance, in s, for times that have been rounded.
+# Tolerance for rounded times [s].
 ROUNDING_S = 1e-9
 
 
@@ -34,9 +34,9 @@ class RecordedMotions:
 
     @cached_property
     def jumps(self) -> Bools:
-        """Whether (m, n) an obstacle has jumped to a place from the one before.
+        """Mask (m, n): whether an obstacle jumped to a place from its previous one.
 
-        An obstacle does so as it repeats its motion.
+        An obstacle jumps when it begins its motion again.
         """
         jumps = np.zeros(self.places.shape[:2], np.bool_)
         if len(self.times_s) > 1:
@@ -49,12 +49,12 @@ class RecordedMotions:
     def at(self, times_s: Floats) -> Floats:
         """Return the obstacles' places (t, n, 2) in m at times (t,).
 
-        They move straight between two poses, and on for a moment after the last.
+        Motion is linear between two poses, and goes on for a moment after the last one.
         """
         if len(self.times_s) == 1:
             return np.repeat(self.places, len(times_s), axis=0)
         after = np.searchsorted(self.times_s, times_s + ROUNDING_S, side="right")
-        # No step begins at the last pose, so the one before goes on.
+        # No step begins at the last pose, so the previous step goes on.
         before = np.clip(after - 1, 0, len(self.times_s) - 2)
         after_s = np.clip(times_s - self.times_s[before], 0.0, None)
         period_s = self.times_s[before + 1] - self.times_s[before]
@@ -67,13 +67,10 @@ class RecordedMotions:
         return self.places[before] + share[..., None] * steps
 
     def trails(self, time_s: float) -> list[Points]:
-        """Return where each obstacle was in the last `TRAIL_S`, since it last jumped.
+        """Return each obstacle's places (k, 2) [m] in the last `TRAIL_S`, after any jump.
 
         Args:
             time_s: End of the trails.
-
-        Returns:
-            Points (k, 2) in m of each obstacle.
         """
         places_now = self.at(np.array([time_s]))[0]
         end = int(np.searchsorted(self.times_s, time_s + ROUNDING_S, side="right"))
@@ -90,11 +87,11 @@ class RecordedMotions:
 def compute_gaps(
     bodies: Bodies, walls: Bodies, places: Floats, poses: Floats, outline: Footprint
 ) -> Floats:
-    """Return the distance (t,) in m from the robot to the nearest of bodies and walls.
+    """Return the distance (t,) in m from the robot to the nearest body, inf without any.
 
     Args:
         bodies: Moving bodies, n of them.
-        walls: Bodies that stand.
+        walls: Bodies that do not move.
         places: Centers (t, n, 2) of the moving bodies in m.
         poses: Poses (t, 3) of the robot: x, y m, yaw rad.
         outline: Outline of the robot in base_link.

@@ -1,4 +1,4 @@
-"""What a bag of anybody's tells of a robot: readings, scans, commands and goals."""
+"""Read a robot's drive from any bag: poses, scans, commands, contacts and goals."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -19,14 +19,14 @@ from barn_worlds.messages import decode, topics
 
 
 class Logged(NamedTuple):
-    """A message's content and when it was logged."""
+    """A message's content, and the time at which it was logged."""
 
     log_ns: int
     content: Any
 
 
 class GoalMessage(NamedTuple):
-    """A goal pose and the frame that it is in."""
+    """A goal pose and its frame."""
 
     pose: Pose2D
     frame: str
@@ -34,12 +34,12 @@ class GoalMessage(NamedTuple):
 
 @dataclass
 class ObservedDrive:
-    """A robot's drive as its bag has it, in the order of the log."""
+    """A robot's drive, read from a bag, in the order of the log."""
 
     path: Path
     pose_source: str
     frame: str = ""  # of the poses
-    clock: str = "stamps"  # or "log", where poses have no stamps
+    clock: str = "stamps"  # or "log" if poses have no stamps
     poses: list[Logged] = field(default_factory=list)  # Odometry
     goals: list[Logged] = field(default_factory=list)  # GoalMessage, each new one
     contacts: list[Logged] = field(default_factory=list)  # bool
@@ -48,24 +48,24 @@ class ObservedDrive:
     contact_source: str = NO_CONTACT
     scan_frame: str = ""
     mounts: dict[str, Pose2D] = field(default_factory=dict)  # in base_link, by frame
-    trial: dict[str, Any] = field(default_factory=dict)  # what a bag of the suite says
+    trial: dict[str, Any] = field(default_factory=dict)  # in bags of the suite
     problem: str = ""  # why the bag could not be read to its end
 
     @cached_property
     def log_times_ns(self) -> Integers:
-        """When each pose (n,) was logged; only of a drive that is complete."""
+        """Times (n,) at which the poses were logged; use it only on a complete drive."""
         return np.array([pose.log_ns for pose in self.poses], np.int64)
 
     def index_at(self, log_ns: int) -> int:
-        """Return the index of the last pose logged by then, -1 if none was."""
+        """Return the index of the last pose logged by a time, -1 if there is none."""
         return int(np.searchsorted(self.log_times_ns, log_ns, side="right")) - 1
 
 
 def read_observed_drive(path: Path, sources: Sources) -> ObservedDrive:
-    """Read what a bag tells of a robot.
+    """Read a robot's drive from a bag, up to any damage, which `problem` then names.
 
     Raises:
-        BagError: It cannot be read, or has no poses of a robot.
+        BagError: If the bag cannot be read, or has no poses of a robot.
     """
     bag = BagFile(path)
     choice = TopicChoice(bag, sources)
@@ -98,11 +98,11 @@ def read_observed_drive(path: Path, sources: Sources) -> ObservedDrive:
 
 
 def _find_chain(links: Iterable[tuple[str, str]], frames: Sequence[str]) -> list[str]:
-    """Return all frames from the first to the last of some, [] if nothing joins them.
+    """Return the chain of tf frames from the first frame to the last, [] if none.
 
     Args:
-        links: Frames of tf, parent and child.
-        frames: The first and the last are joined.
+        links: Frames of tf as (parent, child).
+        frames: Frames, of which the first and the last are used.
     """
     parents = {child: parent for parent, child in links}
     chain = [frames[-1]]
@@ -117,13 +117,13 @@ def _find_chain(links: Iterable[tuple[str, str]], frames: Sequence[str]) -> list
 def _take_message(
     drive: ObservedDrive, choice: TopicChoice, message: RawMessage
 ) -> None:
-    """Add to a drive what a message says, unless it is only of poses."""
+    """Add a goal, contact, command, scan or mount from a message to a drive."""
     topic = choice.paths.get(message.topic, "")
     log_ns = message.stamp_ns
     data = message.data
     if topic == topics.GOAL_POSE.path:
         goal = GoalMessage(decode.pose(data), decode.header(data).frame.lstrip("/"))
-        # Planners are sent the same goal again and again.
+        # The same goal may be sent again and again.
         if not drive.goals or drive.goals[-1].content != goal:
             drive.goals.append(Logged(log_ns, goal))
     elif topic == topics.COLLISION.path and choice.sources.contact != NO_CONTACT:

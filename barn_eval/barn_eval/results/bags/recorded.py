@@ -1,4 +1,4 @@
-"""What a bag tells of a trial, as arrays on one time line."""
+"""Read a trial from a bag into arrays on one time line."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping
@@ -33,12 +33,12 @@ ODOM = FRAMES.odom
 
 _POSE_NAMES = f"{topics.GROUND_TRUTH.path} or {topics.ODOM.path}"
 
-# Topics of which the first message says everything.
+# Topics whose first message has all there is to know.
 _CONSTANT = {topics.MOVING.path}
 
 
 class TimedItem(NamedTuple):
-    """Something that is shown from a time on."""
+    """Content that applies from a time on."""
 
     time_s: float  # from the first pose
     frame: str  # of the bag
@@ -47,9 +47,9 @@ class TimedItem(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class RecordedTrial:
-    """A trial as its bag has it.
+    """A trial, read from a bag.
 
-    Times are in seconds from the first pose, poses in the frame `frame`.
+    Times are in seconds from the first pose; poses are in the frame `frame`.
     """
 
     name: str  # of the bag
@@ -61,10 +61,10 @@ class RecordedTrial:
     commands: Floats  # (n, 2), NaN where there was none by then
     contact: Bools  # (n,)
     odometry: Floats  # (n, 3) poses in the odom frame at the same times
-    outline: Footprint  # of what of the robot can touch
+    outline: Footprint  # of the robot's parts that can touch obstacles
     lidar: Pose2D  # where it is mounted
 
-    # What topics show: scans, points (k, 2) of plans, markers, maps, and the score.
+    # Content of topics: scans, points (k, 2) of plans, markers, maps, and the score.
     scans: list[TimedItem]
     plans: list[TimedItem]
     local_plans: list[TimedItem]
@@ -75,18 +75,18 @@ class RecordedTrial:
     outcomes: list[TimedItem]  # "running", then the outcome
 
     chassis: Chassis = STANDARD_ROBOT.chassis
-    # Where the frame of the planner's map and plan lies in that of the poses.
+    # Pose of the planner's map frame in the frame of the poses.
     map_frame: Pose2D = ORIGIN
-    map: OccupancyMap | None = None  # moved there
+    map: OccupancyMap | None = None  # shifted by `map_frame`
     goal: TimedItem | None = None
-    scene: TrialScene | None = None  # what truly stands there, if the bag says so
-    # (k, 2) where cylinders stand at the end that have been pushed.
+    scene: TrialScene | None = None  # true obstacles, if the bag has them
+    # Final places (k, 2) of cylinders that were pushed.
     pushed_m: Floats = field(default_factory=lambda: np.empty((0, 2)))
     moving: RecordedMotions | None = None
-    recoveries_s: tuple[float, ...] = ()  # when the planner began to recover
+    recoveries_s: tuple[float, ...] = ()  # times at which the planner began to recover
     trial: dict[str, Any] = field(default_factory=dict)
     result: dict[str, Any] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()  # what is missing or was cut off, in words
+    notes: tuple[str, ...] = ()  # texts on what is missing or was cut off
 
     def index_at(self, time_s: float) -> int:
         """Return the index of the last pose at or before `time_s`, 0 if none is."""
@@ -94,9 +94,9 @@ class RecordedTrial:
         return max(0, int(after) - 1)
 
     def to_frame(self, item: TimedItem) -> Pose2D:
-        """Return the pose of an item's frame in the trial's frame, at its time.
+        """Return the pose of an item's frame in the trial's frame, at the item's time.
 
-        The identity where that is unknown.
+        It is the identity if unknown.
         """
         if item.frame == self.frame:
             return self.map_frame if item.frame == MAP else ORIGIN
@@ -113,8 +113,7 @@ class RecordedTrial:
     def clearance_m(self) -> Floats:
         """Distances (n,) in m from the robot to the nearest obstacle, NaN if unknown.
 
-        Cylinders are as they stood at the start, what moves is where it was at the
-        time.
+        Cylinders count where they stood at the start, moving obstacles where they were.
         """
         clearance = np.full(len(self.times_s), np.nan)
         scene = self.scene
@@ -128,14 +127,14 @@ class RecordedTrial:
             gaps = compute_gaps(
                 moving.bodies, moving.walls, places, self.poses, self.outline
             )
-            # Where one of the two is NaN, the other counts.
+            # If one of the two is NaN, the other counts.
             clearance = np.fmin(clearance, gaps)
         return clearance
 
     def goal_pose(self) -> Pose2D | None:
-        """Return the goal pose in the frame of `poses`, None if the bag has none.
+        """Return the goal pose in the frame of `poses`, None if the bag has no goal.
 
-        As it was first given, when all frames agreed best.
+        Frames are taken at the start, when they agree best.
         """
         if self.scene is not None and self.scene.goal is not None:
             return self.scene.goal
@@ -153,15 +152,15 @@ ItemsByTopic = Mapping[topics.Topic, list[TimedItem]]
 
 
 def read_recorded_trial(path: Path, sources: Sources = NO_SOURCES) -> RecordedTrial:
-    """Read a bag into arrays, up to any damage, told in `notes`.
+    """Read a bag into arrays, up to any damage, which `notes` then name.
 
     Args:
-        path: The bag, of any format that `BagFile` reads.
-        sources: Which of its topics stand for the suite's. A named source of poses
-            replaces the true poses, too.
+        path: The bag, in any format that `BagFile` reads.
+        sources: Topics that replace the suite's. A named source of poses also replaces
+            the true poses.
 
     Raises:
-        BagError: There is no bag, or none of a robot.
+        BagError: If there is no bag, or it has no poses of a robot.
     """
     bag = BagFile(path)
     choice = TopicChoice(bag, sources)
@@ -172,7 +171,7 @@ def read_recorded_trial(path: Path, sources: Sources = NO_SOURCES) -> RecordedTr
     poses = truth or odometry
     if not poses:
         reason = bag.problem or "; ".join(unreadable.values())
-        reason = reason or "it is another robot's, or no trial"
+        reason = reason or "the bag may be of another robot, or of no trial"
         raise BagError(
             f"{path}: no poses of a robot on {sources.pose or _POSE_NAMES} ({reason})"
             f"{choice.list_topics()}"
@@ -183,14 +182,13 @@ def read_recorded_trial(path: Path, sources: Sources = NO_SOURCES) -> RecordedTr
     lidar, lidar_note = _find_lidar(items, trial)
     chassis, robot_note = decode.chassis_of(trial)
 
-    # Odometry drifts away from what stands and moves around the robot, so that has a
-    # place among true poses only.
+    # Odometry drifts relative to the obstacles, so these are only drawn with true poses.
     if not truth:
         items |= {topics.WORLD: [], topics.MOVING_POSES: []}
     scene, pushed_m = _read_scene(items[topics.WORLD])
     moving, moving_note = _read_motions(items)
 
-    # Map and plan are drawn where the obstacles stand.
+    # Map and plan are shifted to where the obstacles stand.
     frame = MAP if truth else poses[0].frame or ODOM
     grid: OccupancyMap | None = None
     map_frame = ORIGIN
@@ -220,7 +218,7 @@ def read_recorded_trial(path: Path, sources: Sources = NO_SOURCES) -> RecordedTr
     goals = items[topics.GOAL_POSE]
 
     folder = bag.path.resolve().parent
-    # In results of a run, bags have a folder of their own.
+    # In the results of a run, bags are in a subfolder.
     if folder.name == BAGS:
         folder = folder.parent
 
@@ -261,16 +259,19 @@ def read_recorded_trial(path: Path, sources: Sources = NO_SOURCES) -> RecordedTr
 def _list_gaps(
     has_truth: bool, map_frame: Pose2D, result: dict[str, Any]
 ) -> Iterator[str]:
-    """Yield notes for viewers: no true poses, a shifted map, no result in the bag."""
+    """Yield a note each if true poses are missing, the map is shifted, or no result is.
+
+    These notes are for viewers.
+    """
     if not has_truth:
-        yield "no /ground_truth/odom: positions are those of the odometry"
+        yield "no /ground_truth/odom: positions are from the odometry"
     if map_frame != ORIGIN:
         yield (
-            "map and plan are drawn where the obstacles stand; the planner's map has"
-            f" them {math.hypot(map_frame.x, map_frame.y):.2f} m away"
+            "map and plan are drawn where the obstacles stand, which is"
+            f" {math.hypot(map_frame.x, map_frame.y):.2f} m off in the planner's map"
         )
     if not result:
-        yield "the bag holds no result: its trial was not finished, or it is another's"
+        yield "the bag holds no result: its trial was not finished, or not the suite's"
 
 
 def _read_items(
@@ -280,8 +281,8 @@ def _read_items(
 
     Args:
         bag: The bag.
-        choice: What its topics stand for.
-        unreadable: Receives a text for each topic that shows nothing.
+        choice: Meaning of its topics.
+        unreadable: Receives a text for each topic that cannot be shown.
     """
     messages: dict[str, list[tuple[int, str, Any]]] = {path: [] for path in TOPICS}
     for message in bag.messages(choice.paths):
@@ -290,7 +291,7 @@ def _read_items(
         if topic not in TOPICS:
             continue
         if type_name not in TOPICS[topic]:
-            text = f"{topic} is left out: its type is {type_name or 'unknown'}"
+            text = f"{topic} is left out because its type is {type_name or 'unknown'}"
             unreadable.setdefault(topic, text)
         if topic in unreadable or (topic in _CONSTANT and messages[topic]):
             continue
@@ -305,10 +306,10 @@ def _read_items(
         messages[topics.GROUND_TRUTH.path] = []
         messages[topics.ODOM.path] = list(_read_poses(bag, choice.pose_reader()))
     for rows in messages.values():
-        # Messages of one instant keep their order.
+        # Messages with equal times keep their order.
         rows.sort(key=itemgetter(0))
     poses = messages[topics.GROUND_TRUTH.path] or messages[topics.ODOM.path]
-    # The log of the suite has its own stamps.
+    # In bags of the suite, log times are the robot's times.
     if "barn.trial" not in bag.metadata:
         _restamp(messages, poses, unreadable)
     start_ns = poses[0][0] if poses else 0
@@ -322,7 +323,7 @@ def _read_items(
 
 
 def _read_poses(bag: BagFile, reader: PoseReader) -> Iterator[tuple[int, str, Any]]:
-    """Yield time of the log, frame and odometry of each pose of a named source."""
+    """Yield (log time [ns], frame, odometry) for each pose of a named source."""
     for message in bag.messages(reader.topics):
         for odometry in reader.read(message):
             yield message.stamp_ns, reader.frame, odometry
@@ -333,22 +334,22 @@ def _restamp(
     poses: list[tuple[int, str, Any]],
     unreadable: dict[str, str],
 ) -> None:
-    """Replace times of the log in messages by those of the robot: the stamps of poses.
+    """Replace log times in messages by the robot's times, from the stamps of poses.
 
     Args:
-        messages: Rows of time, frame and content by topic, in order, which change.
+        messages: Rows of time, frame and content by topic, in order; changed in place.
         poses: The rows of the poses.
-        unreadable: Receives a text if stamps go back, so that the log's times stay.
+        unreadable: Receives a text if stamps go back and log times are kept.
     """
     stamps_ns = np.array([pose.stamp_ns for _, _, pose in poses], np.int64)
     if not stamps_ns.any():
         return
     if (np.diff(stamps_ns) < 0).any():
-        unreadable["stamps"] = "stamps of poses go back: times are those of the log"
+        unreadable["stamps"] = "stamps of poses go back, so times are from the log"
         return
     log_ns = np.array([row[0] for row in poses])
     for rows in messages.values():
-        # Other messages may have no stamp, so poses say which time it was.
+        # Other messages may have no stamp, so poses give their times.
         offsets = [row[0] - log_ns[0] for row in rows]
         places = np.interp(offsets, log_ns - log_ns[0], stamps_ns - stamps_ns[0])
         rows[:] = [
@@ -363,18 +364,15 @@ def _hold(
     times_s: Floats,
     before: tuple[float, ...],
 ) -> Floats:
-    """Return the row (n, k) of the latest item at each time, `before` where none is."""
-    # The first row stands for the time before any item.
+    """Return the row of the latest item at each time (n, k), `before` ahead of all."""
+    # The first row is for the time before any item.
     rows = np.array([before, *(row_of(item.content) for item in items)], np.float64)
     item_times_s = [item.time_s for item in items]
     return rows[np.searchsorted(item_times_s, times_s, side="right")]
 
 
 def _read_scene(items: list[TimedItem]) -> tuple[TrialScene | None, Floats]:
-    """Return the first scene, and where pushed cylinders stand at the end (k, 2).
-
-    Without a scene, None and no cylinders.
-    """
+    """Return (first scene or None, final places of pushed cylinders (k, 2) [m])."""
     no_cylinders = np.empty((0, 2))
     if not items:
         return None, no_cylinders
@@ -387,9 +385,9 @@ def _read_scene(items: list[TimedItem]) -> tuple[TrialScene | None, Floats]:
 
 
 def _find_lidar(items: ItemsByTopic, trial: dict[str, Any]) -> tuple[Pose2D, str]:
-    """Return the lidar's pose in base_link; if unknown, the origin and a note on it.
+    """Return (lidar's pose in base_link, ""), or (origin, note) if it is unknown.
 
-    Static transforms say so, or else the trial's specification.
+    The pose is from static transforms, or else from the trial's specification.
     """
     frames = {item.frame for item in items[topics.SCAN]}
     for item in items[topics.TF_STATIC]:
@@ -403,9 +401,9 @@ def _find_lidar(items: ItemsByTopic, trial: dict[str, Any]) -> tuple[Pose2D, str
 
 
 def _find_recoveries(reports: list[TimedItem]) -> tuple[float, ...]:
-    """Return times in s at which the reported status changed to recovering.
+    """Return times [s] at which the reported status changed to recovering.
 
-    Empty reports are of other nodes and skipped.
+    Empty reports are from other nodes and are skipped.
     """
     times_s = []
     status = ""
@@ -417,10 +415,7 @@ def _find_recoveries(reports: list[TimedItem]) -> tuple[float, ...]:
 
 
 def _read_motions(items: ItemsByTopic) -> tuple[RecordedMotions | None, str]:
-    """Return moving obstacles and "", or None and why they cannot be drawn.
-
-    Where there are none, None and "".
-    """
+    """Return (moving obstacles or None, why they cannot be drawn or "")."""
     places = {item.time_s: item.content for item in items[topics.MOVING_POSES]}
     if not places:
         return None, ""
@@ -431,6 +426,6 @@ def _read_motions(items: ItemsByTopic) -> tuple[RecordedMotions | None, str]:
     bodies, walls = items[topics.MOVING][0].content
     if {len(row) for row in places.values()} != {len(bodies.poses)}:
         poses = topics.MOVING_POSES.path
-        return None, f"{note}{poses} has more or fewer of them than {shapes}"
+        return None, f"{note}{poses} and {shapes} differ in their number"
     times_s = np.array(list(places))
     return RecordedMotions(times_s, np.array(list(places.values())), bodies, walls), ""

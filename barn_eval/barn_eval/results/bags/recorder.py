@@ -1,8 +1,8 @@
-"""Recording of a trial as a rosbag2 directory with one MCAP file, from bytes.
+"""Record a trial, from serialized messages, as a rosbag2 directory with one MCAP file.
 
-While it is written, the directory has a name that ends in `.partial`; it gets its own
-name when it is finished. If the process is killed, all but about the last second of the
-trial is readable in the partial file.
+While it is written, the directory's name ends in `.partial`; it gets its final name when
+it is finished. If the process is killed, all but about the last second of the trial is
+readable in the partial file.
 """
 
 import json
@@ -38,11 +38,13 @@ PARTIAL = ".partial"
 _CHUNK_BYTES = 1 << 20
 _TYPE_HASH = "topic_type_hash"
 _Dumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # libyaml's is faster
-# The longest time that 64 bits hold, by which ROS means no limit.
+# The longest time that 64 bits hold, which means no limit in ROS.
 _INFINITE = {"sec": 9223372036, "nsec": 854775807}
 
 
 class _RecordedTopic(NamedTuple):
+    """A topic that was announced, and its channel in the file."""
+
     type_name: str
     qos: Qos
     channel: WrittenChannel
@@ -55,7 +57,7 @@ class Recorder:
     """
 
     def __init__(self, path: Path):
-        """Begin a bag in a directory that must not exist; delete an old partial one."""
+        """Begin a bag and delete an old partial one; BagError if `path` exists."""
         if path.exists():
             raise BagError(f"{path}: exists already")
         self.path = path
@@ -86,16 +88,16 @@ class Recorder:
     def add_topic(
         self, name: str, type_name: str, qos: Qos = RELIABLE, known_as: str = ""
     ) -> None:
-        """Announce a topic, unless that has been done.
+        """Announce a topic in the bag, unless it has been announced.
 
         Args:
             name: Name of the topic.
             type_name: Type of its messages.
             qos: Quality of service that a player offers.
-            known_as: Name of the topic that it is read as, if that is another one.
+            known_as: Name by which readers know the topic, if it is another one.
 
         Raises:
-            BagError: The type is unknown, or the topic has another one.
+            BagError: If the type is unknown, or the topic has a different one.
         """
         topic = self._topics.get(name)
         if topic is not None:
@@ -123,7 +125,7 @@ class Recorder:
         self._topics[name] = _RecordedTopic(type_name, qos, channel)
 
     def announce(self, topic: Topic) -> None:
-        """Announce a topic as a player offers it: with a queue for many messages."""
+        """Announce a topic with the quality of service for players: latched or reliable."""
         qos = LATCHED if topic.qos.durability == LATCHED.durability else RELIABLE
         self.add_topic(topic.path, topic.type_name, qos)
 
@@ -152,7 +154,7 @@ class Recorder:
             self.write(path, data, stamp_ns)
 
     def prepare_block(self, messages: Iterable[tuple[Topic, Layout]]) -> MessageBlock:
-        """Announce topics whose messages are always written together.
+        """Announce topics whose messages are written together; return their block.
 
         Args:
             messages: Topics and layouts of their messages, in order.
@@ -166,7 +168,7 @@ class Recorder:
     def write_block(
         self, block: MessageBlock, rows: Iterable[Sequence[Any]], stamp_ns: int
     ) -> None:
-        """Write messages that have been prepared.
+        """Write the messages of a prepared block.
 
         Args:
             block: The messages.
@@ -177,12 +179,12 @@ class Recorder:
         self._end_write(stamp_ns)
 
     def _end_write(self, stamp_ns: int) -> None:
-        """Keep the bag's times; end the chunk if it is large or begun a second ago."""
+        """Update the bag's times; end the chunk if it is large or a second old."""
         if self._first_ns is None:
             self._first_ns = stamp_ns
             self._due_ns = stamp_ns + NANOSECONDS_PER_SECOND
         self._last_ns = max(self._last_ns, stamp_ns)
-        # What comes after the last chunk is lost in a kill.
+        # If the process is killed, the chunk in memory is lost.
         if stamp_ns >= self._due_ns or self._writer.chunk_bytes > _CHUNK_BYTES:
             self._due_ns = stamp_ns + NANOSECONDS_PER_SECOND
             with self._convert_errors():
@@ -206,7 +208,7 @@ class Recorder:
             self._writer.add_metadata(name, texts)
 
     def finish(self) -> Path:
-        """Complete the bag, give it its name and return that."""
+        """Complete the bag, give it its final name, and return its path."""
         text = _to_yaml(self._description())
         with self._convert_errors():
             self._writer.add_metadata("rosbag2", {"serialized_metadata": text})
@@ -214,7 +216,7 @@ class Recorder:
             self._stream.close()
             text = f"rosbag2_bagfile_information:\n{indent(text, '  ')}"
             (self.partial_path / "metadata.yaml").write_text(text, "utf-8")
-            # The name comes last, so a bag that has it is whole.
+            # The name comes last, so a bag with its final name is complete.
             self.partial_path.rename(self.path)
         return self.path
 
@@ -226,10 +228,11 @@ class Recorder:
                 self._stream.close()
 
     def _convert_errors(self) -> AbstractContextManager[None]:
+        """Return a context that raises OSErrors as BagErrors which name the bag."""
         return convert_os_errors(BagError, f"{self.partial_path}: cannot record")
 
     def _description(self) -> dict[str, Any]:
-        """Return the bag as metadata.yaml describes it."""
+        """Return the content of metadata.yaml."""
         first_ns = self._first_ns or 0
         start = {"nanoseconds_since_epoch": first_ns}
         duration = {"nanoseconds": self._last_ns - first_ns}
@@ -259,7 +262,7 @@ class Recorder:
 
 
 def _profile(qos: Qos) -> dict[str, Any]:
-    """Return a quality of service as metadata.yaml has it."""
+    """Return a quality of service as an entry of metadata.yaml."""
     return {
         "history": "keep_last",
         "depth": qos.depth,
@@ -274,6 +277,7 @@ def _profile(qos: Qos) -> dict[str, Any]:
 
 
 def _topic_entry(topic: _RecordedTopic) -> dict[str, Any]:
+    """Return a topic with its message count as an entry of metadata.yaml."""
     metadata = {
         "name": topic.channel.record.topic,
         "type": topic.type_name,
@@ -286,23 +290,26 @@ def _topic_entry(topic: _RecordedTopic) -> dict[str, Any]:
 
 @cache
 def _profile_text(qos: Qos) -> str:
+    """Return a quality of service as YAML text for a channel."""
     return _to_yaml([_profile(qos)])
 
 
 @cache
 def _definition(type_name: str) -> str:
-    """Return the definition of a message type as in .msg files."""
+    """Return a message type's definition in the format of .msg files."""
     return str(jazzy_types().generate_msgdef(type_name, ros_version=2)[0])
 
 
 @cache
 def _type_hash(type_name: str) -> str:
+    """Return the RIHS01 hash of a message type."""
     return str(jazzy_types().hash_rihs01(type_name))
 
 
 def _to_yaml(content: object) -> str:
-    # PyYAML writes an object that is in it twice as an anchor and an alias. After JSON
-    # nothing is in it twice.
+    """Return plain data as YAML text without anchors and aliases."""
+    # PyYAML writes an object that occurs twice as an anchor and an alias. After JSON, no
+    # object does.
     plain = json.loads(json.dumps(content))
     text = yaml.dump(
         plain, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=10_000

@@ -1,4 +1,4 @@
-"""Where in a bag of anybody's the suite finds poses, scans, commands and goals."""
+"""Find the topics of any bag that have poses, scans, commands and goals."""
 
 import math
 from collections.abc import Iterator
@@ -18,13 +18,13 @@ _POSE = topics.GOAL_POSE.type_name
 _POSE_TYPES = (_ODOMETRY, topics.AMCL_POSE.type_name, _POSE)
 _TRUTH = topics.GROUND_TRUTH.path
 
-# Topics whose names are not needed, where a bag has one alone of the type.
+# Topics that may have any name if they are the only ones of their type.
 _BY_TYPE = (topics.ODOM, topics.SCAN, topics.CMD_VEL, topics.CMD_VEL_STAMPED)
 
 
 @dataclass(frozen=True)
 class Sources:
-    """Which topics of a bag stand for the suite's, as far as somebody says so."""
+    """Topics of a bag that stand for the suite's, as named by a user; "" if not named."""
 
     pose: str = ""  # topic, or frames of tf such as "/tf:odom.base_link"
     goal: str = ""
@@ -32,7 +32,7 @@ class Sources:
     namespace: str = ""  # in front of all names
 
     def __post_init__(self) -> None:
-        """Raise ConfigError for frames of tf that are no chain."""
+        """Raise ConfigError unless frames of tf, if named, are a chain of names."""
         if self.pose.startswith(_TF) and not all(self.frames[1:]):
             raise ConfigError(
                 f"pose {format_value(self.pose)}: must be a topic, or frames of tf, such"
@@ -41,7 +41,7 @@ class Sources:
 
     @property
     def frames(self) -> list[str]:
-        """Frames of tf from the fixed one to the robot's, [] for poses of a topic."""
+        """Frames of tf from the fixed one to the robot's, [] for poses from a topic."""
         if not self.pose.startswith(_TF):
             return []
         frames = self.pose.removeprefix(_TF).split(".")
@@ -52,22 +52,22 @@ NO_SOURCES = Sources()
 
 
 class TopicChoice:
-    """What the topics of a bag stand for.
+    """Which of the suite's topics each topic of a bag stands for.
 
     Attributes:
-        sources: What is known of them, with the namespace found.
-        paths: Path of the suite's topic by the topic of the bag.
+        sources: Topics named by the user, with the namespace that was found.
+        paths: Path of the suite's topic by the bag's topic.
     """
 
     def __init__(self, bag: BagFile, sources: Sources):
-        """Choose topics: those named, by the suite's names, or the only one of a type.
+        """Choose topics by the user's names, the suite's names, or a unique type.
 
         Args:
             bag: The bag, which is read to its end.
-            sources: What is said about its topics.
+            sources: Topics named by the user.
 
         Raises:
-            BagError: A named topic is missing, or odometry is in several namespaces.
+            BagError: If a named topic is missing, or several namespaces have odometry.
         """
         self._bag = bag
         namespace = sources.namespace.rstrip("/") or self._find_namespace()
@@ -106,7 +106,7 @@ class TopicChoice:
         return sorted(name for name in types if types[name] == type_name)
 
     def _find_namespace(self) -> str:
-        """Return what is in front of the odometry's name, "" if nothing is."""
+        """Return the namespace of odometry or true poses, "" if none; BagError if several."""
         names = (_TRUTH, topics.ODOM.path)
         if not self._bag.types.keys().isdisjoint(names):
             return ""
@@ -125,23 +125,23 @@ class TopicChoice:
         return "".join(namespaces)
 
     def _require(self, name: str) -> str:
-        """Return a topic of this name, in the namespace or without; else BagError."""
+        """Return a topic by name, within the namespace or as it is; BagError if missing."""
         for topic in (f"{self.sources.namespace}{name}", name):
             if topic in self._bag.types:
                 return topic
         raise BagError(f"{self._bag.path}: has no topic {name}{self.list_topics()}")
 
     def list_topics(self) -> str:
-        """Return the end of a message, which lists the bag's topics."""
+        """Return "; it has ..." with the bag's topics, for the end of a message."""
         types = self._bag.types.items()
         names = ", ".join(f"{topic} ({kind})" for topic, kind in sorted(types))
-        # Of a bag that is cut off, the topics may be missing.
+        # A bag that is cut off may lack topics.
         if not names and self._bag.problem:
             return f"; {self._bag.problem}"
         return f"; it has {names or 'no topic'}"
 
     def pose_reader(self) -> "PoseReader":
-        """Return the reader of its poses; BagError, naming what is there, if none is."""
+        """Return a reader of the robot's poses; BagError with the topics if there is none."""
         sources = self.sources
         if sources.frames:
             static = f"{sources.namespace}{topics.TF_STATIC.path}"
@@ -166,13 +166,13 @@ class PoseReader:
 
     Attributes:
         name: The source without namespace, such as "/odom" or "/tf:odom.base_link".
-        topics: The topics whose messages `read` takes.
-        frame: Frame of the poses, empty before the first one.
-        links: Poses of frames of tf in their parents, by both names, as last read.
+        topics: The topics whose messages `read` accepts.
+        frame: Frame of the poses; empty before the first one.
+        links: Last poses of tf frames in their parents, by (parent, child).
     """
 
     def __init__(self, name: str, names: set[str], frames: list[str]):
-        """Read poses of one topic, or of `frames` of tf; nothing is read yet."""
+        """Prepare to read poses from one topic or, if given, from `frames` of tf."""
         self.name = name
         self.topics = names
         self.frame = ""
@@ -181,10 +181,10 @@ class PoseReader:
         self._chain = list(pairwise(frames))
 
     def read(self, message: RawMessage) -> Iterator[Odometry]:
-        """Yield the poses of a message of `topics`; a twist that it lacks is NaN.
+        """Yield the poses in a message of `topics`; a missing velocity is NaN.
 
         Raises:
-            MessageError: It is malformed.
+            MessageError: If the message is malformed.
         """
         if self._chain:
             yield from self._read_transforms(message)
@@ -200,9 +200,10 @@ class PoseReader:
             yield Odometry(header.stamp_ns, pose, NO_TWIST)
 
     def _read_transforms(self, message: RawMessage) -> Iterator[Odometry]:
-        """Yield a pose for each transform that moves the robot, once all are known.
+        """Yield a pose for each new transform of the last moving link of the chain.
 
-        Of several that move it, the last of the chain is sent most often.
+        Nothing is yielded before all links are known. The last moving link is sent most
+        often.
         """
         is_static = message.topic.endswith(topics.TF_STATIC.path)
         for transform in decode.transforms(message.data):

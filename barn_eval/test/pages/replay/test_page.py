@@ -216,8 +216,8 @@ def test_a_foreign_bag_in_sqlite_with_odometry_alone_is_replayed(bag, tmp_path):
     recorded = read_recorded_trial(path)
     assert (recorded.frame, recorded.map) == ("odom", None)
     notes = " ".join(recorded.notes)
-    assert "positions are those of the odometry" in notes
-    assert "/map is left out: its type is std_msgs/msg/String" in notes
+    assert "positions are from the odometry" in notes
+    assert "/map is left out because its type is std_msgs/msg/String" in notes
     assert len(recorded.times_s) == len(read_recorded_trial(bag).times_s)
 
 
