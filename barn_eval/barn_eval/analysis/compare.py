@@ -490,7 +490,7 @@ def describe_parameter_changes(
             continue
         value_a = values_a.get(key, NOT_SET)
         value_b = values_b.get(key, NOT_SET)
-        changes.append(f"{key} ({value_a} or {value_b})")
+        changes.append(f"{key} ({value_a} against {value_b})")
         if not key.startswith("file ") or (key in values_a and key in values_b):
             comparable.append(changes[-1])
     changes = comparable or changes

@@ -1,4 +1,4 @@
-"""Reports, replays and rankings as pages and pictures."""
+"""Write reports, replays and rankings as pages and pictures."""
 
 from collections.abc import Callable
 

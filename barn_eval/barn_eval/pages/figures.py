@@ -96,7 +96,7 @@ def new_figure(height_in: float, width_in: float = WIDTH_IN) -> Figure:
 
 
 def figure_of(panels: Sequence[Axes]) -> Figure:
-    """Return the whole figure that contains the first of these axes."""
+    """Return the top-level figure that contains the first of these axes."""
     figure = panels[0].get_figure(root=True)
     assert figure is not None
     return figure

@@ -1,4 +1,4 @@
-"""Pages from the package's templates: HTML that is one file, with data packed into it."""
+"""Render pages from the package's templates, as one file with data packed into it."""
 
 import json
 from functools import cache

@@ -109,7 +109,7 @@ def test_a_set_that_is_too_small_is_said_to_be(folders):  # noqa: F811 (a fixtur
     of_300 = [replace(trial, dataset="barn300") for trial in results()]
     precision = estimate_precision({"dwa": of_300}, width=0.001)
     assert precision.available == 300
-    assert precision.notes[-1].startswith("The set has 300 worlds")
+    assert precision.notes[-1].startswith("The data set has only 300 worlds")
     assert {row[1] for row in needs_table(precision).rows} == {"over 300"}
     three = {"dwa": results(), "eband": results("eband"), "gap": results("gap")}
     note = "For a difference, select two of the 3 planners as FOLDER:PLANNER,PLANNER."

@@ -84,7 +84,10 @@ def test_a_course_given_for_a_run_is_in_rows_and_pages(
             "11,-1,0:11.5,-1",
             "start and goal are 0.50 m apart, which counts as arrival under protocol challenge",
         ),
-        ("11,-1:14,1", "--course '11,-1:14,1': must be X,Y,YAW:X,Y of start and goal"),
+        (
+            "11,-1:14,1",
+            "--course '11,-1:14,1': must be X,Y,YAW:X,Y, the start and goal",
+        ),
     ],
 )
 def test_impossible_courses_are_refused_before_driving(
@@ -146,7 +149,7 @@ show 0-59 --dataset dynabarn60 --out x.gif
 show 3 --out x.gif
     world_3: nothing moves in it
 worlds convert dynabarn60 x --format original
-    has no place for walls and moving
+    cannot hold walls or moving obstacles
 metrics dynabarn60 --worlds 3
     dynabarn_3: is an arena; metrics and difficulty need a world whose obstacles stand
 difficulty predict dynabarn60 --worlds 3

@@ -261,7 +261,7 @@ def test_info(succeed, printed):
     for state in content["optional"].values():
         assert state == "on" or state.startswith("off: ")
     optional = content["optional"]
-    missing = "off: ffmpeg is not installed; films are off, .gif works"
+    missing = "off: ffmpeg is not installed; films are off, but .gif works"
     films = "on" if shutil.which("ffmpeg") else missing
     assert optional["ffmpeg"].startswith(films)
     extras = {"foxglove", "gymnasium", "stable_baselines3", "ray", "optuna"}

@@ -10,7 +10,7 @@ function duration(seconds) {
 
 function progress(state) {
   const parts = [state.planned === null ? `${state.done} trials` : `${state.done} of ${state.planned} trials`];
-  if (state.again) parts.push(`${state.again} failed by no fault of the planner, to be run again`);
+  if (state.again) parts.push(`${state.again} failed through no fault of the planner and will run again`);
   const finished = state.planned !== null && state.done >= state.planned;
   if (finished) parts.push("finished");
   if (!finished && state.per_minute !== null) parts.push(`${state.per_minute.toFixed(1)} per minute`);
@@ -70,7 +70,7 @@ async function update() {
     document.body.dataset.updates = Number(document.body.dataset.updates || 0) + 1;
   } catch (error) {
     byId("problem").hidden = false;
-    byId("problem").textContent = `The server does not answer (${error.message}); what is shown may be old.`;
+    byId("problem").textContent = `The server does not answer (${error.message}); this page may be out of date.`;
   }
   setTimeout(update, Math.max(LEAST_PERIOD_MS, SHARE * (performance.now() - began)));
 }

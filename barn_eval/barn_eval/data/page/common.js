@@ -4,7 +4,7 @@ const TYPES = { Uint8Array, Int16Array, Uint16Array, Int32Array, Float32Array, F
 
 async function unpack(packed) {
   if (typeof DecompressionStream === "undefined") {
-    throw new Error("this browser cannot unpack the page's data (it lacks DecompressionStream; any of 2023 or later has it)");
+    throw new Error("this browser cannot unpack the page's data: it lacks DecompressionStream, which browsers have since 2023");
   }
   const bytes = Uint8Array.from(atob(packed.zlib), (c) => c.charCodeAt(0));
   const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));

@@ -304,7 +304,7 @@ class Replay {
   measure() {
     this.view.measure();
     byId("measure").setAttribute("aria-pressed", this.view.measuring);
-    this.tell(this.view.measuring ? "Two clicks measure; by keys, move with W A S D and put a point with P." : "");
+    this.tell(this.view.measuring ? "Click two points to measure. With keys, move with W A S D and set a point with P." : "");
   }
 
   tell(text) { byId("told").textContent = text; }

@@ -147,7 +147,7 @@ class TrialTable {
     this.first = Math.min(this.first, Math.max(0, PAGE * Math.floor((rows.length - 1) / PAGE)));
     const last = Math.min(rows.length, this.first + PAGE);
     const all = this.data.trials.length, filtered = FILTERS.some((id) => byId(id).value);
-    byId("count").textContent = !rows.length ? "no such trial" : filtered ? `${rows.length} of ${all} trials` : `all ${all} trials`;
+    byId("count").textContent = !rows.length ? "no trials match" : filtered ? `${rows.length} of ${all} trials` : `all ${all} trials`;
     byId("range").textContent = rows.length ? `${this.first + 1} to ${last} of ${rows.length}` : "";
     byId("earlier").disabled = this.first === 0;
     byId("later").disabled = last >= rows.length;

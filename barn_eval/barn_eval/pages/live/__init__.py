@@ -1,1 +1,1 @@
-"""Campaigns and trials while they run."""
+"""Show runs and trials while they go on."""

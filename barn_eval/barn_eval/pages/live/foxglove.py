@@ -40,7 +40,7 @@ class FoxgloveStream:
     """Follows the trials of a results folder and serves them until it is closed."""
 
     def __init__(self, folder: Path, *, host: str, port: int = LIVE_PORT):
-        """Start to serve and to follow the bags of a folder; do not wait.
+        """Start threads that serve viewers and follow the bags of a folder.
 
         Args:
             folder: Folder of the bags.
@@ -85,7 +85,7 @@ class FoxgloveStream:
         self._thread.start()
 
     def close(self) -> None:
-        """Stop to follow bags and to serve viewers; wait until both have ended."""
+        """Stop following bags and serving viewers, and wait until both have ended."""
         self._stop.set()
         self._thread.join()
         self._gate.close()
@@ -113,7 +113,7 @@ class FoxgloveStream:
         follower.close()
 
     def _start_session(self) -> None:
-        """Forget the trial before; viewers clear their displays."""
+        """Forget the previous trial and let viewers clear their displays."""
         self._latched.clear()
         self._new_channel_ids.clear()
         self._server.clear_session()
@@ -167,4 +167,4 @@ class _Listener:
 
 
 def _ignore_event(*_: Any) -> None:
-    """Ignore an event of the server that is no subscription."""
+    """Do nothing; this handles all events of the server but subscriptions."""

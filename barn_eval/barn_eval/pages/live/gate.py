@@ -1,4 +1,4 @@
-"""Who may look at a page or a stream: no page of another site, by whatever name."""
+"""Decide who may see a page or a stream: no page of another site, by whatever name."""
 
 import socket
 import threading
@@ -40,7 +40,7 @@ def names_this_machine(host: str) -> bool:
 
 
 def accepts_viewer(headers: Message) -> bool:
-    """Return whether a WebSocket is asked for by a viewer, and by no foreign page.
+    """Tell whether a viewer, not a foreign page, asks for a WebSocket.
 
     Browsers send the page's Origin, and let any page open a WebSocket to any address.
 
@@ -59,13 +59,13 @@ def accepts_viewer(headers: Message) -> bool:
 
 
 class Gate(ThreadingTCPServer):
-    """Passes viewers on to a server of this machine that asks for no Origin."""
+    """Passes viewers on to a server on this machine that does not check the Origin."""
 
     daemon_threads = True
     allow_reuse_address = True
 
     def __init__(self, address: tuple[str, int], inner: tuple[str, int]) -> None:
-        """Start to listen in a thread.
+        """Start a thread that listens.
 
         Args:
             address: Where viewers connect.
@@ -79,7 +79,7 @@ class Gate(ThreadingTCPServer):
         threading.Thread(target=self.serve_forever, daemon=True).start()
 
     def close(self) -> None:
-        """Stop to listen; connections end with the server behind."""
+        """Stop listening; open connections end when the inner server does."""
         self.shutdown()
         self.server_close()
 
@@ -91,7 +91,7 @@ class _Passage(StreamRequestHandler):
     timeout = 10.0
 
     def handle(self) -> None:
-        """Answer that it may not, or copy in both directions until one side ends."""
+        """Refuse a connection, or copy data in both directions until one side ends."""
         # A viewer may leave, or send what is no request.
         with suppress(OSError, HTTPException):
             request = self.rfile.readline(_BLOCK_BYTES)

@@ -1,4 +1,4 @@
-"""The page of a run that updates itself, and its server; it reads the files alone."""
+"""Serve a page on a run that updates itself, from the run's files alone."""
 
 import json
 import threading
@@ -96,7 +96,7 @@ class RunState:
             or self.folder.resolve() not in bag.resolve().parents
         ):
             raise ConfigError(
-                f"{trial_id[:100]!r}: there is no bag of a trial of this name"
+                f"{trial_id[:100]!r}: there is no bag of a trial with this name"
             )
         return bag
 
@@ -155,7 +155,7 @@ def _conclusion_state(source: Source) -> dict[str, Any]:
 
 
 def _pace(rows: Rows, planned: int | None) -> dict[str, Any]:
-    """Return end of the last trial, trials per minute and seconds left as JSON data.
+    """Return last trial's end, trials per minute and seconds left, as known, as JSON data.
 
     The rate is that of the last trials; there is none before two of them have ended.
     """
@@ -205,7 +205,7 @@ def _trial_state(folder: Path, row: TrialResult) -> dict[str, Any]:
 
 
 class _Response(NamedTuple):
-    """What a request gets."""
+    """The response to a request."""
 
     status: HTTPStatus
     content: str
@@ -223,7 +223,7 @@ class PageServer(ThreadingHTTPServer):
     def __init__(
         self, folder: str | Path, *, host: str = LOOPBACK, port: int = PAGE_PORT
     ):
-        """Start to serve in a thread; do not wait.
+        """Start a thread that serves; ConfigError if the address cannot be served on.
 
         Args:
             folder: A results folder.
@@ -260,7 +260,7 @@ class PageServer(ThreadingHTTPServer):
         self.close()
 
     def close(self) -> None:
-        """Stop to serve, close the socket and wait for the thread to end."""
+        """Stop serving, close the socket and wait for the thread to end."""
         self.shutdown()
         self.server_close()
         self._thread.join()
@@ -306,7 +306,7 @@ class _Handler(BaseHTTPRequestHandler):
             except (BarnError, OSError, ValueError) as error:
                 response = _Response(HTTPStatus.NOT_FOUND, str(error), _TEXT)
         else:
-            reason = "not the name of this machine, or asked for by another site"
+            reason = "refused: the name is not this machine's, or another site asks"
             response = _Response(HTTPStatus.FORBIDDEN, reason, _TEXT)
 
         content = response.content.encode()
@@ -321,4 +321,4 @@ class _Handler(BaseHTTPRequestHandler):
             self.wfile.write(content)
 
     def log_message(self, format: str, *args: object) -> None:
-        """Log nothing: a line per request would drown what matters."""
+        """Log nothing, because a line per request would hide messages that matter."""

@@ -1,1 +1,1 @@
-"""Replays of trials: page, picture, GIF, film, overlay."""
+"""Replay trials as a page, picture, GIF or film."""

@@ -1,4 +1,4 @@
-"""Replays of trials in files: a page, a picture, an animation, a film."""
+"""Write replays of trials to files: a page, a picture, an animation or a film."""
 
 import io
 import shutil
@@ -128,7 +128,9 @@ def sort_by_ending(outs: Sequence[str | Path]) -> dict[str, Path]:
         if path.suffix not in ENDINGS:
             raise ConfigError(f"out {str(path)!r}: must end in {', '.join(ENDINGS)}")
         if files.setdefault(path.suffix, path) != path:
-            raise ConfigError(f"out {str(path)!r}: one file of each kind is written")
+            raise ConfigError(
+                f"out {str(path)!r}: only one file of each kind can be written"
+            )
     return {ending: files[ending] for ending in ENDINGS if ending in files}
 
 
@@ -139,7 +141,7 @@ def _frame_times(
     count = int(np.ceil(end_s / speed * frames_per_s)) + 1
     if count > _MAX_FRAMES:
         raise ConfigError(
-            f"{name}: {count} frames are too many, at most {_MAX_FRAMES}; raise --speed"
+            f"{name}: {count} frames are too many, must be at most {_MAX_FRAMES}; raise --speed"
         )
     # The last frame is of the end, where the outcome shows.
     return [min(end_s, number * speed / frames_per_s) for number in range(count)]
@@ -165,7 +167,7 @@ def _write_film(frames: Iterator[Pixels], path: Path, frames_per_s: float) -> No
 def _encode_film(
     ffmpeg: str, frames: Iterator[Pixels], frames_per_s: float, path: Path
 ) -> str | None:
-    """Write RGB frames as MP4 by ffmpeg; return its complaint, None on success."""
+    """Write RGB frames as MP4 with ffmpeg; return its error message, None on success."""
     first = next(frames)
     height, width, _ = first.shape
     # The path is the last word, so it can be no option.
@@ -200,7 +202,7 @@ def draw_views(
     scene = recorded.scene
     if scene is None:
         raise ConfigError(
-            f"{recorded.name}: its world is not known, so a camera has nothing to see; "
+            f"{recorded.name}: its world is unknown, so a camera has nothing to see; "
             ".html shows it"
         )
     lidar = replace(LidarConfig(), mount_x_m=recorded.lidar.x)

@@ -16,7 +16,7 @@ _SEEDS = ("campaign_seed", "simulator_seed", "planner_seed", "repetition")
 
 
 def replay_page(*recorded_trials: RecordedTrial) -> str:
-    """Return the page of one trial or several; text from bags is no markup in it."""
+    """Return the HTML page of one or several trials, with text from bags escaped."""
     labels = label_trials(recorded_trials)
     planners = [planner_of(recorded) for recorded in recorded_trials]
     colors = assign_colors(planners)
@@ -81,7 +81,7 @@ def world_key(recorded: RecordedTrial) -> bytes:
 
 
 def describe(recorded: RecordedTrial) -> str:
-    """Say which planner drove in which world, as far as the bag says."""
+    """Return a text with planner and world, as far as the bag has them, and duration."""
     parts = []
     planner = planner_of(recorded)
     if planner:
@@ -97,7 +97,7 @@ def describe(recorded: RecordedTrial) -> str:
 
 
 def planner_of(recorded: RecordedTrial) -> str:
-    """Return the name of the planner, empty if the bag does not say."""
+    """Return the name of the planner, or "" if the bag has none."""
     return _find_name(recorded, "planner", "planner")
 
 
@@ -108,7 +108,7 @@ def _find_name(recorded: RecordedTrial, part: str, key: str) -> str:
 
 
 def outcome_at(recorded: RecordedTrial, time_s: float) -> str:
-    """Return the outcome once a trial has ended, an empty text before.
+    """Return the outcome if the trial has ended by `time_s`, else "".
 
     Args:
         recorded: The trial.

@@ -1,4 +1,4 @@
-"""The data of the replay page: a recorded trial as small arrays in one frame."""
+"""Make the data of the replay page: a recorded trial as small arrays in one frame."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -123,7 +123,7 @@ def bounds(recorded: RecordedTrial) -> list[float]:
 
 
 def progress_m(recorded: RecordedTrial) -> Floats | None:
-    """Return how far the robot has come along the path at each time (n,) [m].
+    """Return the robot's progress along the path at each time (n,) [m], None if unknown.
 
     The path leads from the start through the world to the goal. Progress is the arc
     length of its nearest point, the largest so far. None if the path is unknown.

@@ -1,4 +1,4 @@
-"""The charts of a report, each drawn onto given axes."""
+"""Draw the charts of a report onto given axes."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -87,7 +87,7 @@ class ChartData:
 
     @cached_property
     def overview(self) -> Overview:
-        """Intervals and comparisons of the entries, computed when first asked for."""
+        """Intervals and comparisons of the entries, computed on first access."""
         return self.compute_overview()
 
     @cached_property

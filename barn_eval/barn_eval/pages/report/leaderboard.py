@@ -117,7 +117,7 @@ def board_table(board: Board) -> TextTable:
 
 
 def _escape_markdown(text: str) -> str:
-    """Return text on one line in which nothing is Markdown or HTML."""
+    """Return text on one line, with Markdown and HTML escaped."""
     # Names come from folders of strangers, and many viewers of Markdown render HTML.
     escaped = html.escape(one_line(text), quote=False)
     return re.sub(r"([\\*_`\[\]#])", r"\\\1", escaped)

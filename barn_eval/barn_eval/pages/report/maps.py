@@ -1,4 +1,4 @@
-"""Maps of worlds with the trajectories of trials in them."""
+"""Draw maps of worlds with the trajectories of trials."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -424,7 +424,7 @@ def select_trials(
     all_trials, worlds = read_trials(selection)
     trials = [trial for trial in all_trials if trial.track is not None]
     if not trials:
-        reason = "no trial of it is of this kind"
+        reason = "none of its trials is of this kind"
         if all_trials:
             reason = "its trials have no tracks"
         raise ConfigError(f"world {world}: {reason}")
@@ -458,9 +458,7 @@ def _require_selection(
     numbers = sorted({result.world for entry in entries for result in entry.results})
     if world not in numbers:
         listed = ", ".join(map(str, numbers[:12]))
-        raise ConfigError(
-            f"world {world}: no trial of it; there are trials of {listed}"
-        )
+        raise ConfigError(f"world {world}: has no trial; there are trials of {listed}")
 
 
 def _draw_trial(

@@ -1,4 +1,4 @@
-"""A report from its folders to the page, with figures and tables beside it."""
+"""Make a report from folders: the page, and figures and tables beside it."""
 
 import os
 from base64 import b64encode
@@ -148,7 +148,7 @@ def plot(
     ax: TargetAxes = None,
     width_mm: float | None = None,
 ) -> list[Axes]:
-    """Draw the chart of a name in the catalog from planners' results.
+    """Draw a chart of the catalog, by its name, from planners' results; return its axes.
 
     Args:
         name: Name of the chart in the catalog.
@@ -355,7 +355,7 @@ def report_page(
     links: Mapping[Path, str] = MappingProxyType({}),
     data_folder: Path | None = None,
 ) -> str:
-    """Return the HTML page of a report, in which text from files is no markup.
+    """Return the HTML page of a report, with text from files escaped.
 
     Args:
         report: What `build_report` has computed.

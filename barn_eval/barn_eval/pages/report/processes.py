@@ -1,4 +1,4 @@
-"""Processes that compute and draw the parts of a report at the same time."""
+"""Compute and draw the parts of a report in parallel processes."""
 
 import itertools
 import os

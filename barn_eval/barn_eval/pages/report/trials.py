@@ -261,7 +261,7 @@ def world_part(
     positions: Sequence[int],
     links: Mapping[Path, str],
 ) -> dict[str, Any]:
-    """Return a world and what is recorded of its trials, for the page's script.
+    """Return a world and the records of its trials as JSON data for the page's script.
 
     Args:
         trials: All trials of the report.
@@ -277,7 +277,7 @@ def world_part(
 
 
 def _trial_record(trial: DrivenTrial, links: Mapping[Path, str]) -> dict[str, Any]:
-    """Return what is recorded of a trial as JSON data, its track packed."""
+    """Return a trial's record as JSON data, with its track packed."""
     result = trial.result
     bag = trial.entry.source.bag(result.trial_id)
     # JavaScript has no whole numbers beyond 53 bits, so seeds are texts.

@@ -75,7 +75,7 @@ def test_pictures_and_animations(bag, tmp_path):
     with Image.open(tmp_path / "chase.png") as picture:
         assert picture.size == SIZES["chase"]
         assert len(picture.convert("RGB").getcolors(1 << 24)) > 100
-    with refused("its world is not known, so a camera has nothing to see"):
+    with refused("its world is unknown, so a camera has nothing to see"):
         next(draw_views(replace(recorded, scene=None), "side", [1.0], 1))
 
 
@@ -167,11 +167,11 @@ def test_colors_by_speed_have_a_scale(folder):
 
 MISTAKES = """
 {world_number: 99}
-    world 99: no trial of it; there are trials of 0, 1, 2, 3, 4, 5, 6, 7
+    world 99: has no trial; there are trials of 0, 1, 2, 3, 4, 5, 6, 7
 {world_number: 1}
     world 1: its trials have no tracks
 {world_number: 0, outcome: collision}
-    world 0: no trial of it is of this kind
+    world 0: none of its trials is of this kind
 {world_number: 0, outcome: colision}
     outcome 'colision': must be one of .*did you mean 'collision'
 {world_number: 0, planners: [dwaa]}

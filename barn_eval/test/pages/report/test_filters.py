@@ -73,7 +73,7 @@ def test_trials_shown_are_those_left_and_figures_those_of_all(report, file, open
         choose(page, values)
         left = {p for p, drive in enumerate(report.trials) if keep(drive.result)}
         count = (
-            f"{len(left)} of {len(report.trials)} trials" if left else "no such trial"
+            f"{len(left)} of {len(report.trials)} trials" if left else "no trials match"
         )
         assert page.locator("#count").text_content() == count
         ids = page.locator("#trials tbody tr").evaluate_all(

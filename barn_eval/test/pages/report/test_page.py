@@ -317,7 +317,7 @@ def failed(row):
             lambda rows: [row for row in rows if row["planner"] == "gap"],
             "gap is the only planner",
         ),
-        (lambda rows: list(map(failed, rows)), "computing time was not seen"),
+        (lambda rows: list(map(failed, rows)), "computing time was not measured"),
         (lambda rows: [failed(rows[0])], "There are too few worlds for bands"),
         (lambda rows: [*map(failed, rows[::2]), *rows[1::2]], "planner_not_ready"),
         (
@@ -438,7 +438,7 @@ def test_the_table_sorts_and_filters_and_a_trial_opens(
     assert column(2) == ["4"]
     browser_page.fill("#search", "gap_w0000")
     assert column(2) == []
-    assert text("count") == "no such trial"
+    assert text("count") == "no trials match"
     browser_page.select_option("#filter-outcome", "")
     browser_page.fill("#search", "")
     put(browser_page, "filter-from", "3")
