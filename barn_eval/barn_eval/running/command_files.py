@@ -35,11 +35,11 @@ def hash_command_files(words: Sequence[str]) -> dict[str, str]:
             paths[name] = Path(name)
     if len(words) > 3 and words[1] == "launch":
         paths[words[3]] = _find_launch_file(words[2], words[3])
-    hashes = {
-        name: _hash_file(path)
-        for name, path in paths.items()
-        if path.suffix in _SUFFIXES and path.is_file()
-    }
+    hashes = {}
+    for name, path in paths.items():
+        with convert_os_errors(ConfigError, f"planner command: {name:.60}"):
+            if path.suffix in _SUFFIXES and path.is_file():
+                hashes[name] = _hash_file(path)
     executable = find_packaged(words)
     if executable is not None:
         if executable.is_packaged:

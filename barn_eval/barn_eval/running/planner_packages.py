@@ -167,8 +167,10 @@ def find_executable(text: str) -> Executable:
     """
     path_text, _, name = text.partition(":")
     path = Path(path_text)
-    subject = f"planner package {text!r}"
-    if path.suffix == ".py" and path.is_file():
+    subject = f"planner package {text!r:.200}"
+    with convert_os_errors(ConfigError, subject):
+        is_file = path.is_file()
+    if is_file and path.suffix == ".py":
         if LAUNCHES not in _read(path):
             return Executable(path.stem, path.parent, f"{path.stem}:{name or 'main'}")
         # It lies in the folder launch of its package.

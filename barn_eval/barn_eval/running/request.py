@@ -32,8 +32,8 @@ from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_sim.config import robot_of
 from barn_worlds.base.config import (
     as_plain,
-    format_selection,
     from_dict,
+    read_selection,
     replace_dotted,
 )
 from barn_worlds.base.errors import ConfigError, format_value, suggest
@@ -329,18 +329,16 @@ def _read_worlds(worlds: Any) -> tuple[object, dict[int, World] | None]:
         if any(isinstance(world, World) for world in worlds):
             worlds = dict(enumerate(worlds))
     if not isinstance(worlds, Mapping):
-        text = format_selection(worlds)
-        if isinstance(text, str):
-            return text, None
+        return read_selection(worlds, ConfigError), None
 
     by_number = {}
-    for number, world in dict(worlds if isinstance(worlds, Mapping) else {}).items():
+    for number, world in worlds.items():
         if isinstance(number, Integral) and isinstance(world, World):
             by_number[int(number)] = world
     if by_number and len(by_number) == len(worlds):
         return "all", by_number
     raise ConfigError(
-        f"worlds must be numbers, a text or worlds, got {format_value(worlds)}"
+        f"worlds must be World objects by number, got {format_value(worlds)}"
     )
 
 

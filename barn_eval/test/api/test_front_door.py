@@ -155,8 +155,10 @@ def test_worlds_in_memory_are_driven_in_and_kept(tmp_path):
     assert second.name in Path(loaded.report(tmp_path / "report.html")).read_text()
     (trial,) = drive("gap", out, {7: second}, overwrite=True).trials
     assert (trial.world, trial.world_checksum) == (7, second.checksum)
-    for wrong in (3.5, [], [True], {"a": first}, {0: 1}, [first, 1]):
-        with refused("worlds must be numbers, a text or worlds, got"):
+    for wrong in (3.5, np.float64(10.0), [], [True], {"a": first}, {0: 1}, [first, 1]):
+        with refused(
+            "worlds must be (whole numbers or text|World objects by number), "
+        ):
             barn.run(wrong, "gap", dry_run=True)
 
 

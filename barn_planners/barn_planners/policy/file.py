@@ -125,9 +125,9 @@ class Policy:
             raise PolicyError(f"{self.where}: {problem}")
 
     @property
-    def layers(self) -> list[int]:
+    def layers(self) -> tuple[int, ...]:
         """Sizes of the layers: number of inputs, then of outputs of each layer."""
-        return [len(self.weights[0]), *(len(biases) for biases in self.biases)]
+        return (len(self.weights[0]), *map(len, self.biases))
 
 
 @dataclass(frozen=True)
@@ -135,7 +135,7 @@ class _PolicyHeader:
     """The JSON header of a policy file; its fields are the keys."""
 
     schema: int
-    layers: list[int]
+    layers: tuple[int, ...]
     activation: str
     output: str
     observation: PolicyObservation

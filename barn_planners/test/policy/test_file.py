@@ -46,7 +46,7 @@ def test_what_is_written_is_read(path):
     written = policy()
     read = read_policy(path)
     assert (read.observation, read.action) == (OBSERVATION, PolicyAction())
-    assert read.layers == [11, 8, 2]
+    assert read.layers == (11, 8, 2)
     assert (read.activation, read.output) == ("tanh", "clip")
     assert read.about == {"by": "a test"}
     for name in ("weights", "biases"):
@@ -122,13 +122,17 @@ DAMAGED = {
     "unknown output": (header_with(output="softmax"), "unknown output 'softmax'"),
     "layers no sizes": (
         header_with(layers=[11, -8, 2]),
-        "but its arrays have [11, 8, 2]",
+        "but its arrays have (11, 8, 2)",
+    ),
+    "layers no list": (
+        header_with(layers=None),
+        "layers must be a list, got None",
     ),
     "too many layers": (
         header_with(layers=[11] * 40),
         "layers must list 2 to 17 sizes",
     ),
-    "other layers": (header_with(layers=[11, 9, 2]), "but its arrays have [11, 8, 2]"),
+    "other layers": (header_with(layers=[11, 9, 2]), "but its arrays have (11, 8, 2)"),
     "layer missing": (header_with(layers=[11, 8, 8, 2]), "it has no weights_2.npy"),
     "observation of other size": (
         header_with(observation={"beams": 9}),
@@ -186,7 +190,7 @@ def test_a_path_without_a_file_is_refused(tmp_path):
 
 def test_a_policy_is_judged_before_it_is_written(tmp_path):
     message = (
-        r"must lead from 11 observed values to 2 actions, got layers of \[11, 8, 3\]"
+        r"must lead from 11 observed values to 2 actions, got layers of \(11, 8, 3\)"
     )
     with pytest.raises(BarnError, match=message):
         policy((11, 8, 3))

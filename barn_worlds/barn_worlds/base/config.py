@@ -32,7 +32,13 @@ from cattrs.errors import (
 )
 from cattrs.gen import make_dict_structure_fn, make_dict_unstructure_fn, override
 
-from barn_worlds.base.errors import ConfigError, format_value, suggest, suggest_similar
+from barn_worlds.base.errors import (
+    BarnError,
+    ConfigError,
+    format_value,
+    suggest,
+    suggest_similar,
+)
 from barn_worlds.base.files import read_package_yaml
 
 T = TypeVar("T")
@@ -124,7 +130,7 @@ def quantity(
         maximum: Largest value that passes the check. Applies to each item of a tuple.
         choices: Texts that pass the check. By default any text does.
         optional: Leave the field out of plain data while it has its default.
-        is_selection: Take whole numbers for the text (`format_selection`).
+        is_selection: Take whole numbers for the text (`read_selection`).
 
     Returns:
         The dataclass field, under the type of its default.
@@ -260,22 +266,31 @@ def as_plain(value: Any, depth: int = 3) -> Any:
     return value
 
 
-def format_selection(worlds: Any) -> Any:
-    """Return world numbers, such as an array [0, 60], as text, "0,60"; else `worlds`.
+def read_selection(worlds: Any, kind: type[BarnError]) -> str:
+    """Return world numbers, such as 3 or an array [0, 60], as text, "0,60".
 
     Args:
-        worlds: A whole number, or a list, array, column or range of them, which may
-            also contain texts such as "5-9". Anything else is returned unchanged.
+        worlds: A text, a whole number, or a list, array, column or range of them.
+        kind: Class to raise.
+
+    Raises:
+        BarnError: Of the class `kind`, for anything else.
     """
     worlds = as_plain(worlds, depth=0)
-    if isinstance(worlds, (str, Mapping)):
+    if isinstance(worlds, str):
         return worlds
-    numbers = list(worlds) if isinstance(worlds, Iterable) else [worlds]
+    is_list = isinstance(worlds, Iterable) and not isinstance(worlds, Mapping)
+    numbers = list(worlds) if is_list else [worlds]
     for number in numbers:
         is_number = isinstance(number, Integral) and not isinstance(number, bool)
         if not is_number and not isinstance(number, str):
-            return worlds
-    return ",".join(map(str, numbers)) if numbers else worlds
+            numbers = []
+    if not numbers:
+        raise kind(
+            "worlds must be whole numbers or text, such as 3, [0, 60] or 0-49, got"
+            f" {format_value(worlds)}"
+        )
+    return ",".join(map(str, numbers))
 
 
 def read_presets(package: str, file: str, standard: T) -> dict[str, T]:
@@ -327,12 +342,11 @@ def _reader() -> cattrs.Converter:
             for key in value:
                 if not isinstance(key, str):
                     raise TypeError(f"keys must be text, got {format_value(key)}")
-            texts = {
-                name: format_selection(value[name])
-                for name in selections
-                if name in value
-            }
-            return build({**value, **texts}, kind)
+            content = dict(value)
+            for name in selections:
+                if name in content:
+                    content[name] = read_selection(content[name], ConfigError)
+            return build(content, kind)
 
         return read
 

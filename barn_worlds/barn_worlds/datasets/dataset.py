@@ -9,7 +9,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from barn_worlds.base.config import format_selection
+from barn_worlds.base.config import read_selection
 from barn_worlds.base.errors import WorldError, format_value, note, suggest
 from barn_worlds.formats import dataset_file, map_server, original, single
 from barn_worlds.formats.world_yaml import ENDING
@@ -320,16 +320,14 @@ def select_worlds(
         spec: "7" must exist. The ranges "0-49" (both ends included) and "0:300:6" (like
             a Python range, end excluded) select the numbers that exist, at least one;
             if the data set's numbers have no gaps, all must exist. "1,4,7-9" is a list,
-            "all" is every world. Plain numbers are allowed too (`format_selection`).
+            "all" is every world. Plain numbers are allowed too (`read_selection`).
         world_numbers: Numbers to select from.
 
     Raises:
         WorldError: If the selection has another form or names a missing world.
     """
     numbers = sorted(set(world_numbers))
-    spec = format_selection(spec)
-    if not isinstance(spec, str):
-        raise WorldError(f"worlds must be numbers or text, got {format_value(spec)}")
+    spec = read_selection(spec, WorldError)
     if len(spec) > LONGEST_SPEC:
         raise WorldError(
             f"a selection of worlds must have at most {LONGEST_SPEC} characters, "

@@ -75,9 +75,11 @@ class DatasetFile:
         try:
             world = self._build_world(position)
             is_intact = world.checksum == self.manifest["worlds"][position]["sha256"]
-        # Raised by arrays that are missing or have wrong sizes, types or values.
-        except (BarnError, LookupError, TypeError, ValueError, OverflowError) as error:
+        # Raised by arrays that are missing or have wrong sizes or values.
+        except (BarnError, LookupError, ValueError, OverflowError) as error:
             raise WorldError(f"{where}: {format_error(error)}") from None
+        except (AttributeError, TypeError):
+            raise WorldError(f"{where}: an entry is of another type") from None
         if not is_intact:
             raise WorldError(f"{where}: its checksum differs from the manifest's")
         return world

@@ -203,7 +203,7 @@ def read_map_file(path: Path) -> MapFile:
             ignored = [key for key in others if not suggest_similar(key, _OWN_KEYS)]
             for key in ignored:
                 del content[key]
-            if ignored:
+            if ignored and "image" in content:
                 note(f"{path}: ignored keys, as in map_server: {join_names(ignored)}")
         return from_dict(MapFile, content, str(path))
     except ConfigError as error:

@@ -220,7 +220,8 @@ def _read_wheels(links: dict[str, Link]) -> tuple[dict[str, Any], str]:
                 fields.setdefault("wheel_width_m", float(shape.attrib["length"]))
     if "wheel_width_m" in fields:
         return fields, ""
-    return fields, "no size of the wheels: none has a cylinder for its collision"
+    size = "width" if "wheel_radius_m" in fields else "size"
+    return fields, f"no {size} of the wheels: none has a cylinder for its collision"
 
 
 def _read_origin(parent: Element) -> Transform:

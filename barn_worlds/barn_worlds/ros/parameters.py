@@ -13,12 +13,7 @@ from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from barn_worlds.base.config import (
-    Quantity,
-    fields_of,
-    format_selection,
-    replace_dotted,
-)
+from barn_worlds.base.config import Quantity, as_plain, fields_of, replace_dotted
 from barn_worlds.base.errors import BarnError, ConfigError, suggest
 
 T = TypeVar("T")
@@ -49,7 +44,7 @@ def declare_parameters(node: Node, config: T, *, read_only: bool = False) -> T:
             except ParameterException as error:
                 raise ConfigError(f"{where}: {error}") from None
         value = node.get_parameter(name).value
-        changes[name] = _plain(value, declaration, default)
+        changes[name] = _plain(value, default)
     return replace_dotted(config, changes, where)
 
 
@@ -99,11 +94,11 @@ def read_parameters(node: Node, config: T) -> T:
 
 def _update(config: T, parameters: Iterable[Parameter]) -> T:
     """Return a checked copy of a configuration with the parameters that it declares."""
-    fields = {name: field for name, *field in fields_of(config)}
+    defaults = {name: default for name, _, default in fields_of(config)}
     changes = {
-        parameter.name: _plain(parameter.value, *fields[parameter.name])
+        parameter.name: _plain(parameter.value, defaults[parameter.name])
         for parameter in parameters
-        if parameter.name in fields
+        if parameter.name in defaults
     }
     return replace_dotted(config, changes, "parameter")
 
@@ -143,18 +138,15 @@ def _descriptor(
     return descriptor
 
 
-def _plain(value: Any, declaration: Quantity, default: Any) -> Any:
+def _plain(value: Any, default: Any) -> Any:
     """Return the value of a parameter as plain data of the type of its default."""
     # rclpy gives arrays for lists of numbers.
-    if hasattr(value, "tolist"):
-        value = value.tolist()
+    value = as_plain(value, depth=0)
     if isinstance(default, tuple):
         # A list of one text may be set without brackets.
         if isinstance(value, (str, bool, int, float)):
             return [value]
         return list(value or ())
-    if declaration.is_selection:
-        value = format_selection(value)
     # The command line reads `name:=5` as a number. A flag and lists stay what they are,
     # which is no text.
     if isinstance(default, str) and type(value) in (int, float):

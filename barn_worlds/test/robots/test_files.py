@@ -186,7 +186,7 @@ TURNED = """<robot name="r">
     ("change", "message"),
     [
         (("cylinder radius", "mesh filename"), "gives mass_kg, .*; no size of the wheels"),
-        (('cylinder radius="0.1" length="0.02"', 'sphere radius="0.1"'), "missing key 'chassis.wheel_width_m'; r.urdf"),
+        (('cylinder radius="0.1" length="0.02"', 'sphere radius="0.1"'), "'chassis.wheel_width_m'; .*; no width of"),
         (("continuous", "revolute"), "no wheels: no continuous joint turns wheel_left, wheel_right"),
         (('"wheel_', '"roller_'), "no link has wheel, tire or tyre in its name"),
         (('"wheel_left"', '"swivel_wheel"'), "wheel 'wheel_right' has no partner on the other side"),

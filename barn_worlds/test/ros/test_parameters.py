@@ -152,8 +152,8 @@ def test_a_number_serves_where_a_text_is_wanted(context, value, text):
 @pytest.mark.parametrize(
     "overrides, message",
     [
-        ({"worlds": True}, "worlds must be text, got True"),
-        ({"worlds": [0.5, 5.0]}, r"worlds must be text, got \[0\.5, 5\.0\]"),
+        ({"worlds": True}, "worlds must be whole numbers or text, .*, got True"),
+        ({"worlds": [0.5, 5.0]}, r"worlds must be whole .*, got \[0\.5, 5\.0\]"),
         ({"frame": [1, 2]}, r"frame must be text, got \[1, 2\]"),
     ],
 )
