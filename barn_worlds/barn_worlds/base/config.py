@@ -32,13 +32,7 @@ from cattrs.errors import (
 )
 from cattrs.gen import make_dict_structure_fn, make_dict_unstructure_fn, override
 
-from barn_worlds.base.errors import (
-    BarnError,
-    ConfigError,
-    format_value,
-    suggest,
-    suggest_similar,
-)
+from barn_worlds.base.errors import ConfigError, format_value, suggest, suggest_similar
 from barn_worlds.base.files import read_package_yaml
 
 T = TypeVar("T")
@@ -266,15 +260,12 @@ def as_plain(value: Any, depth: int = 3) -> Any:
     return value
 
 
-def read_selection(worlds: Any, kind: type[BarnError]) -> str:
+def read_selection(worlds: Any, kind: type[Exception]) -> str:
     """Return world numbers, such as 3 or an array [0, 60], as text, "0,60".
 
     Args:
         worlds: A text, a whole number, or a list, array, column or range of them.
-        kind: Class to raise.
-
-    Raises:
-        BarnError: Of the class `kind`, for anything else.
+        kind: Class to raise for anything else.
     """
     worlds = as_plain(worlds, depth=0)
     if isinstance(worlds, str):
