@@ -116,7 +116,7 @@ def test_what_another_version_computes_is_not_called_wrong(folder):
     assert report.problems == []
     said = "2 trials: differ from what this version computes"
     (line,) = (line for line in report.unchecked if line.startswith(said))
-    assert "such as gap_w0000_r00: scores.challenge is 0.4 in the row, " in line
+    assert "the first is gap_w0000_r00: scores.challenge is 0.4 in the row, " in line
     assert "(written at e6873c24, this is " in line
 
 
@@ -198,7 +198,7 @@ def test_a_version_that_never_was_excuses_nothing(folder, versions):
     [
         ("measures", "min_clearance_m", 9.0, "m in the track, 9.000 m in the row"),
         ("measures", "contact_s", 1e6, "measures.contact_s is 1e+06, must"),
-        ("measures", "rms_jerk_mps3", -1.0, "rms_jerk_mps3 is -1, can be 0"),
+        ("measures", "rms_jerk_mps3", -1.0, "rms_jerk_mps3 is -1, must be 0"),
         ("scores", "traversal_time_s", 0.5, "traversal_time_s is 0.50 in the row"),
         (None, "planner_seed", 3, "has planner_seed 3, must have"),
     ],

@@ -63,7 +63,7 @@ NO_RANGES = """
 {max_sped_mps: {low: 0.1, high: 0.5}}
     did you mean 'max_speed_mps'
 {max_speed_mps: {low: 0.1, high: 0.4}}
-    must hold the default, 0.5
+    must allow the default, 0.5
 """
 
 
