@@ -1,8 +1,8 @@
-"""Serialized messages: types of ROS 2 Jazzy, and templates that are filled in place.
+"""Serialized messages: the types of ROS 2 Jazzy, and templates with fields to fill.
 
 Serializing a message from objects takes longer than a control cycle. The messages of a
-trial differ in a few numbers only. So each kind is serialized once, and only these
-numbers are written into its bytes afterwards.
+trial differ only in a few numbers. So each kind is serialized once, and afterwards only
+these numbers are written into its bytes.
 """
 
 import struct
@@ -16,7 +16,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
-# In front of every CDR message. Alignment counts from its end.
+# Header in front of every CDR message. Alignment counts from its end.
 ENCAPSULATION_BYTES = 4
 Message: TypeAlias = Any  # of the class that rosbags makes of its type
 _FORMATS = {
@@ -43,7 +43,7 @@ def jazzy_types() -> Typestore:
 
 
 def make_message(type_name: str, **fields: object) -> Message:
-    """Return a new message object of rosbags; fields not named are zero or empty.
+    """Return a new rosbags message object; fields that are not named are zero or empty.
 
     Args:
         type_name: Type, such as "geometry_msgs/msg/Twist".
@@ -62,7 +62,7 @@ def serialize(message: Message) -> bytes:
 
 
 def deserialize(data: bytes, type_name: str) -> Message:
-    """Return CDR bytes as a message object; errors of any kind if they are malformed.
+    """Return CDR bytes as a message object; malformed ones raise errors of any kind.
 
     Args:
         data: CDR with its encapsulation header.
@@ -72,7 +72,7 @@ def deserialize(data: bytes, type_name: str) -> Message:
 
 
 class Slot(NamedTuple):
-    """Where a field lies in a serialized message."""
+    """The place of a field in a serialized message."""
 
     offset: int
     """Bytes from the beginning of the message."""
@@ -81,7 +81,7 @@ class Slot(NamedTuple):
     """Format of `struct`, without alignment."""
 
     def shifted(self, by: int) -> "Slot":
-        """Return where it lies with so many bytes more in front."""
+        """Return a copy with the offset increased by `by` bytes."""
         return Slot(self.offset + by, self.format)
 
 
@@ -108,7 +108,7 @@ class Layout:
     """Bytes in which some fields vary."""
 
     def __init__(self, data: bytes, slots: Sequence[Slot]) -> None:
-        """Keep the bytes around fields, so that one call of `struct` writes them all.
+        """Prepare one `struct` format that writes the fields and the bytes around them.
 
         Args:
             data: The bytes, with any values in the fields.
@@ -204,13 +204,13 @@ def _runs(value: Any, kind: Any, name: str) -> Iterator[_Run]:
 
 
 def _number_format(kind: Any) -> str | None:
-    """Return the `struct` format of a kind of numbers, None for any other kind."""
+    """Return the `struct` format of a number's kind, None for any other kind."""
     node, detail = kind
     return _FORMATS.get(detail[0]) if node == Nodetype.BASE else None
 
 
 def _default(kind: Any) -> Any:
-    """Return the zero or empty value of a field, whose kind is that of rosbags."""
+    """Return the zero or empty value of a field by its kind in rosbags."""
     node, detail = kind
     if node == Nodetype.NAME:
         return make_message(detail)

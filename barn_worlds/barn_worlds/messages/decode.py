@@ -1,8 +1,8 @@
-"""The types of the suite from serialized messages of any sender.
+"""Decodes serialized messages of any sender into the suite's types.
 
-Every function raises MessageError for malformed bytes. Only little-endian CDR is read,
-which all machines of today send. What must be fast is read in place. The rosbags
-library reads everything else.
+Functions raise MessageError for malformed bytes. Only little-endian CDR is supported,
+which all current machines send. Frequent messages are read in place; the rosbags
+library decodes everything else.
 """
 
 import math
@@ -37,7 +37,7 @@ _TWIST = struct.Struct("<d32xd")  # linear x, angular z
 _POSE_AND_TWIST = struct.Struct("<2d8x4d288xd32xd288x")
 # Angles (min, max, increment), times (increment, scan), ranges (min, max), count.
 _SCAN = struct.Struct("<7fI")
-# What a read beyond the end, or an impossible length, raises.
+# Raised by reads beyond the end and by impossible lengths.
 _READ_ERRORS = (struct.error, ValueError, IndexError, OverflowError)
 
 
@@ -71,14 +71,14 @@ class Markers(NamedTuple):
 
 
 def _reads(type_name: str) -> Callable[[Callable[[bytes], T]], Callable[[bytes], T]]:
-    """Return a decorator; a reader of a type then raises MessageError for bad bytes."""
+    """Return a decorator that makes a reader raise MessageError for malformed bytes."""
 
     def wrap(read: Callable[[bytes], T]) -> Callable[[bytes], T]:
         """Return the reader with a check of the encoding and its errors converted."""
 
         @wraps(read)
         def read_checked(data: bytes) -> T:
-            """Return what is read, else raise MessageError."""
+            """Return what the reader returns; MessageError for malformed bytes."""
             _check_encoding(data, type_name)
             # Foreign bytes may end anywhere; reading past their end raises.
             try:
@@ -141,7 +141,7 @@ def command(data: bytes, type_name: str) -> Velocity2D:
 
     Args:
         data: Serialized geometry_msgs/Twist or geometry_msgs/TwistStamped.
-        type_name: The one of these types that it has.
+        type_name: Its type, one of these two.
     """
     is_stamped = type_name == "geometry_msgs/msg/TwistStamped"
     try:
@@ -202,15 +202,15 @@ def occupancy_map(data: bytes) -> OccupancyMap:
     """Return the map, with its cells copied, of serialized nav_msgs/OccupancyGrid.
 
     Raises:
-        MessageError: Also if the map is rotated or has not as many cells as it says.
+        MessageError: Also if the map is rotated or its number of cells is wrong.
     """
     message = decode_message(data, "nav_msgs/msg/OccupancyGrid")
     info = message.info
     origin = planar_pose(info.origin)
     if len(message.data) != info.height * info.width:
         raise MessageError(
-            f"map data has {len(message.data)} cells, "
-            f"its size says {info.height} x {info.width}"
+            f"map data must have {info.height} x {info.width} cells, "
+            f"got {len(message.data)}"
         )
     if abs(origin.yaw) > 1e-6:
         raise MessageError(
@@ -227,7 +227,7 @@ def path(data: bytes) -> Points:
 
 
 def markers(data: bytes) -> Markers:
-    """Return discs and lines that serialized MarkerArray adds; others are left out."""
+    """Return the discs and lines that serialized MarkerArray adds; ignore the rest."""
     message = decode_message(data, "visualization_msgs/msg/MarkerArray")
     frame = ""
     discs = []
@@ -330,12 +330,12 @@ def _text_end(data: bytes, offset: int) -> int:
 
 
 def _align_length(offset: int) -> int:
-    """Return the first byte offset from here where a number of 32 bits may start."""
+    """Return the first byte offset from `offset` where a 32-bit number may start."""
     return offset + -offset % 4
 
 
 def _align_double(offset: int) -> int:
-    """Return the first byte offset from here where a double may start."""
+    """Return the first byte offset from `offset` where a double may start."""
     # Alignment counts from the end of the encapsulation.
     return offset + (ENCAPSULATION_BYTES - offset) % 8
 

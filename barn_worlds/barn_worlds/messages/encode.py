@@ -1,4 +1,4 @@
-"""The types of the suite as serialized messages.
+"""Encodes the suite's types as serialized messages.
 
 An encoder keeps the bytes of its last message and writes only what changes.
 """
@@ -78,13 +78,13 @@ class Encoder(Generic[T]):
         """Return the serialized message with the values of a content and a stamp.
 
         Args:
-            content: What the message is about. A stamp in it is not used.
+            content: Content of the message. A stamp in it is not used.
             stamp_ns: Stamp of the header.
         """
         return self.layout.fill(*self.row(content, stamp_ns))
 
     def row(self, content: T, stamp_ns: int) -> tuple[Any, ...]:
-        """Return the values of `layout`; as `encode`."""
+        """Return the values of a content and a stamp, in the order of `layout`."""
         stamp = divmod(stamp_ns, NANOSECONDS_PER_SECOND)
         return (*stamp, *self._values(content))
 
@@ -229,7 +229,7 @@ class TransformEncoder:
         return self.layout.fill(*self.row(poses, stamp_ns))
 
     def row(self, poses: Sequence[Pose2D], stamp_ns: int) -> list[float]:
-        """Return the values of `layout`; as `encode`."""
+        """Return the values of poses and a stamp, in the order of `layout`."""
         stamp = divmod(stamp_ns, NANOSECONDS_PER_SECOND)
         values: list[float] = []
         for pose in poses:
@@ -241,8 +241,8 @@ class TransformEncoder:
 class PathEncoder:
     """Encodes nav_msgs/Path of any number of poses.
 
-    From the numbers of one pose to those of the next, all poses of a message have the
-    same bytes. So the encoder repeats one row of bytes and writes the numbers into it.
+    Between the numbers of one pose and the next, all poses of a message have the same
+    bytes. So the encoder repeats one row of bytes and writes the numbers into it.
     """
 
     type_name = "nav_msgs/msg/Path"
@@ -316,7 +316,7 @@ def encode_map(grid: OccupancyMap, stamp_ns: int, frame: str) -> bytes:
 # A planner's costmap keeps its size.
 @lru_cache(maxsize=4)
 def _grid_layout(rows: int, columns: int, resolution: float, frame: str) -> Template:
-    """Return the layout of grids of one size."""
+    """Return the template for grids of one size, resolution and frame; cached."""
     message = make_message(
         "nav_msgs/msg/OccupancyGrid",
         header=make_header(frame),

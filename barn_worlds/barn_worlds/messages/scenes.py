@@ -1,4 +1,4 @@
-"""What truly stands and moves in a trial, as markers and poses in its bag.
+"""The true obstacles of a trial, as markers and poses in its bag.
 
 They are for people and pages that look at the bag. A planner never gets them.
 """
@@ -208,7 +208,7 @@ def decode_moving_poses(data: bytes) -> Points:
 
 
 def trail_segments(world: World, time_s: float) -> Points:
-    """Return x, y (2 n, 2) in m of the segments that obstacles drove in `TRAIL_S`.
+    """Return x, y (2 n, 2) in m of the obstacles' segments in the last `TRAIL_S`.
 
     Args:
         world: World with moving obstacles.
@@ -235,7 +235,7 @@ def _make_marker(colors: Colors, name: str, kind: int, stamp_ns: int) -> Message
 
 
 def _add_points(line: Message, width_m: float, points_m: Points) -> None:
-    """Set width and points (n, 2) of a line marker in place; old points go."""
+    """Set width and points (n, 2) of a line marker in place; replace old points."""
     line.scale.x = width_m
     line.points = [
         make_message("geometry_msgs/msg/Point", x=x, y=y) for x, y in points_m.tolist()
@@ -293,7 +293,7 @@ def _read_poses(markers: Iterable[Message]) -> Floats:
 
 
 def _first_pose(poses: Floats) -> Pose2D | None:
-    """Return the first of the poses (n, 3), None if there is none."""
+    """Return the first of poses (n, 3) as a `Pose2D`, None if there are none."""
     return Pose2D(*poses[0].tolist()) if len(poses) else None
 
 

@@ -1,7 +1,7 @@
-"""Obstacles that move, as data: their shapes, their motions and the walls around them.
+"""Moving obstacles as data: their shapes, their motions and the walls around them.
 
-Where an obstacle is depends on the time alone. The robot does not change its motion,
-and obstacles pass through each other and through walls.
+The position of an obstacle depends only on the time. The robot does not change its
+motion, and obstacles pass through each other and through walls.
 """
 
 import json
@@ -39,11 +39,11 @@ _SAME_POINT_M = 1e-3
 class Motion(Checked):
     """A path over time that repeats.
 
-    gazebo: Between keys, what Gazebo Classic's PoseAnimation does: a cubic Hermite
-    curve over the share of the time between two keys, with uniform Catmull-Rom tangents
-    of tension 0. The tangent at an end is half the step to its neighbor; if the first
-    and the last key are at the same place, it is that of a closed curve. (Below a
-    millionth of a segment Gazebo rounds down to the key; this does not.)
+    gazebo: Between keys, as Gazebo Classic's PoseAnimation: a cubic Hermite curve over
+    the share of the time between two keys, with uniform Catmull-Rom tangents of tension
+    0. The tangent at an end is half the step to its neighbor; if the first and the last
+    key are at the same place, it is that of a closed curve. (Below a millionth of a
+    segment Gazebo rounds down to the key; this does not.)
 
     linear: Straight between keys. Both kinds rest at the last key until the period
     ends, then jump to the first; before the time of the first key they rest there.
@@ -57,7 +57,7 @@ class Motion(Checked):
     )
     # Time in s, x and y in m; not of a polynomial.
     keys: tuple[tuple[float, float, float], ...] = ()
-    # x and y of the powers 0, 1, 2, ...; of a polynomial alone. It must end where it
+    # x and y of the powers 0, 1, 2, ...; only of a polynomial. It must end where it
     # begins, so that there is no jump.
     coefficients_m: tuple[tuple[float, float], ...] = ()
 
@@ -124,8 +124,8 @@ class Motion(Checked):
         gap_m = max(abs(math.fsum(axis)) for axis in table[1:].T.tolist())
         if gap_m > CLOSED_M:
             raise ConfigError(
-                f"coefficients_m must end where they begin, to {CLOSED_M:g} m, "
-                f"but end {gap_m:g} m off"
+                f"coefficients_m must end within {CLOSED_M:g} m of where they begin, "
+                f"got {gap_m:g} m"
             )
 
     def _check_keys(self) -> None:

@@ -1,4 +1,4 @@
-"""Where moving obstacles are at a time, all of a world at once."""
+"""Positions of all moving obstacles of a world at any time."""
 
 import math
 from collections.abc import Sequence
@@ -29,7 +29,7 @@ _NUMBERS = (
 
 
 class Tracks:
-    """The motions of some obstacles, ready to be asked for any time."""
+    """The motions of some obstacles, tabulated to evaluate them at any time."""
 
     # In the order of all arrays.
     names: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""What can touch of a robot, as a footprint that measures distances."""
+"""The part of a robot that can touch obstacles, as a footprint."""
 
 from functools import cache
 

@@ -1,4 +1,4 @@
-"""Robots from files: those that come with the suite, and those of users.
+"""Reads robots from files: those that come with the suite, and yours.
 
 docs/robots.md describes the format.
 """
@@ -55,7 +55,7 @@ def load_robot(robot: str | Path) -> Robot:
         ConfigError: If there is no such robot or the file does not describe one.
     """
     if not isinstance(robot, (str, Path)):
-        raise ConfigError(f"a robot is a name or path, got {format_value(robot)}")
+        raise ConfigError(f"a robot must be a name or path, got {format_value(robot)}")
     name = str(robot)
     if name in ROBOTS:
         return ROBOTS[name]

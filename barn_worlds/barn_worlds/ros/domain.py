@@ -1,4 +1,4 @@
-"""Reserving a ROS domain, so that trials side by side on one host do not interfere."""
+"""Reserves a ROS domain, so that parallel trials on one host do not interfere."""
 
 import errno
 import os
@@ -9,8 +9,8 @@ from pathlib import Path
 
 from barn_worlds.base.errors import ConfigError
 
-# Domains whose ports lie below the ephemeral ports of Linux. Domain 0 is left for
-# whatever else the user runs.
+# Domains whose ports lie below the ephemeral ports of Linux. Domain 0 is left for the
+# user's other programs.
 DOMAINS = range(1, 102)
 _LARGEST_DOMAIN = 232
 # DDS: domain d has the ports from 7400 + 250 d.
@@ -67,7 +67,7 @@ def is_domain_in_use(domain: int) -> bool:
 
 
 def _free_domains() -> list[int]:
-    """Return domains of `DOMAINS` without open ports, in an order by process."""
+    """Return the domains in `DOMAINS` without open ports, rotated by process ID."""
     # Runs that start at once would otherwise all try the same domains.
     first = os.getpid() % len(DOMAINS)
     busy = _busy_domains()

@@ -1,13 +1,13 @@
-"""What the launch files of the nodes share.
+"""Code that the nodes' launch files share.
 
 `ros2 launch` runs in the system's Python, which lacks the libraries of the suite. So
-this module and the launch files import the standard library, launch and what launch
-needs itself, and read a node's parameters from its file in the folder config.
+this module and the launch files import only the standard library, launch and what
+launch needs itself, and read a node's parameters from its file in the folder config.
 
 Each launch file has the arguments params_file, namespace and log_level, an argument
-NAME_topic for each topic, and every parameter of the node without a dot in its name or
-with one behind `patience`. A parameter that is not set keeps the value of the file,
-else of the node.
+NAME_topic for each topic, and one for each parameter of the node whose name has no dot
+or begins with `patience.`. A parameter that you do not set keeps the value in the file,
+else the node's default.
 """
 
 import re
@@ -140,7 +140,7 @@ class NodeLaunch:
 
 
 def check_environment(package: str, executable: str) -> None:
-    """Check that the Python of a node has the libraries of the suite.
+    """Raise RuntimeError unless the Python of a node has the libraries of the suite.
 
     Raises:
         RuntimeError: If it lacks them, or if there is no such Python anymore.

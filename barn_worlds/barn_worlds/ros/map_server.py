@@ -79,7 +79,7 @@ class MapServer(Node):
     def _reload(
         self, _: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        """Answer ~/reload: publish the world, or give and log why it cannot be read."""
+        """Answer ~/reload: publish the world, or log and return the error."""
         try:
             response.message = f"serving {self.publish().name}"
             response.success = True

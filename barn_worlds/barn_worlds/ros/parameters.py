@@ -63,7 +63,7 @@ def warn_about_unknown_parameters(node: Node) -> None:
 
 
 def refuse_invalid_changes(node: Node, config: object) -> None:
-    """Let a node refuse later parameter changes that a configuration does not allow.
+    """Make a node refuse later parameter changes that a configuration does not allow.
 
     Args:
         node: Node with the parameters.
@@ -71,7 +71,7 @@ def refuse_invalid_changes(node: Node, config: object) -> None:
     """
 
     def check(parameters: list[Parameter]) -> SetParametersResult:
-        """Tell ROS whether a configuration allows the new values, or why not."""
+        """Return success if the configuration allows the values, else the reason."""
         try:
             _update(config, parameters)
         except BarnError as error:

@@ -61,7 +61,7 @@ class PrivateLine:
         self._waits = waits
 
     def publish(self, topic: str, data: bytes) -> None:
-        """Send a serialized message, its topic and the time now; waits while full.
+        """Send a serialized message, its topic and the time now; wait while full.
 
         Args:
             topic: Name without a namespace.

@@ -1,4 +1,4 @@
-"""Where the cells of a world are in meters, and the map that planners get.
+"""Positions of a world's cells in meters, and the map that planners get.
 
 All positions are in the Gazebo world frame of the original files, which the suite uses
 as its map frame. The robot drives in +y: rows lie along x, columns along y. A standard
@@ -37,14 +37,14 @@ _SMALLEST_MAP_CELL_M = 0.005
 
 
 def lead_in_cells(resolution_m: float) -> int:
-    """Return how many columns lie before column 0, those of the back wall included."""
+    """Return the number of columns before column 0, including the back wall's."""
     # The tolerance keeps 5.1 / 0.15, which is slightly above 34, at 34 cells.
     cells = math.ceil(LEAD_IN_M / resolution_m - 1e-9)
     return max(cells, _FEWEST_LEAD_IN_CELLS)
 
 
 def margin_cells(resolution_m: float) -> int:
-    """Return how many columns of cells a map shows beyond the world's last one."""
+    """Return the number of columns that a map shows beyond the world's last one."""
     return math.ceil(MARGIN_M / resolution_m - 1e-9)
 
 
@@ -172,7 +172,7 @@ def world_map(
 
 
 def _map_shape(length_m: float, width_m: float, resolution_m: float) -> tuple[int, int]:
-    """Return how many cells a map has along y, x; WorldError if too fine or many."""
+    """Return a map's numbers of cells along y, x; WorldError if too fine or large."""
     if not (math.isfinite(resolution_m) and resolution_m >= _SMALLEST_MAP_CELL_M):
         raise WorldError(
             f"resolution of a map must be at least {_SMALLEST_MAP_CELL_M} m, "

@@ -1,6 +1,6 @@
 """Start and goal of a world, and the path between them.
 
-They are given and checked for a robot, or chosen far apart where the world has none.
+Given ones are checked for a robot. If a world has none, they are chosen far apart.
 """
 
 import math
@@ -334,5 +334,5 @@ def _choose_paths(
     finds = f"{len(paths)} routes of {count}" if paths else "no path"
     raise WorldError(
         f"{world.name}: robot {robot.name}, {footprint_cells} x {footprint_cells} "
-        f"cells, finds {finds} in it"
+        f"cells, finds {finds}"
     )

@@ -106,7 +106,7 @@ def plan_through(
 
 
 def inflation(cspace: BoolGrid) -> Floats:
-    """Return what cells (rows, cols) at most 2 cells from an obstacle add to priority.
+    """Return the penalties (rows, cols) on the priority of cells near an obstacle.
 
     Args:
         cspace: (rows, cols), True where occupied; the border of the grid is no

@@ -1,4 +1,4 @@
-"""The scene of a trial: what stands in it and where it leads.
+"""The scene of a trial: its static obstacles, path, start and goal.
 
 Messages, pages, pictures and films all show the same scene.
 """
@@ -18,7 +18,7 @@ _SURROUNDINGS_M = 20.0
 
 
 class TrialScene(NamedTuple):
-    """What stands in a trial and where it leads, in the map frame in meters."""
+    """Obstacles, path, start and goal of a trial, in the map frame in meters."""
 
     # Centers (k, 2) of the upright cylinders of the world's grid and of its
     # containment.

@@ -27,7 +27,7 @@ FARTHEST_CORNER_M = 10_000.0
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where a world comes from."""
+    """The origin of a world."""
 
     # "generated", "original", "world_file", "npy", "map", "yaml" or "memory".
     source: str = "memory"

@@ -188,7 +188,7 @@ def test_maps(size, x, y):
 @pytest.mark.parametrize(
     "field, value, message",
     [
-        ("width", 4, "data has 6 cells, its size says 2 x 4"),
+        ("width", 4, "data must have 2 x 4 cells, got 6"),
         ("origin", tilted(0.5), "origin must not be rotated, got a yaw of 0.5 rad"),
     ],
 )

@@ -213,7 +213,7 @@ WRONG_MOTIONS = {
     ),
     "open polynomial": (
         {"kind": "polynomial", "coefficients_m": ((0.0, 0.0), (1.0, 0.0))},
-        "coefficients_m must end where they begin, to 1e-06 m, but end 1 m off",
+        "coefficients_m must end within 1e-06 m of where they begin, got 1 m",
     ),
     "high polynomial": (
         {"kind": "polynomial", "coefficients_m": ((0.0, 0.0),) * 17},
