@@ -4,10 +4,9 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from barn_eval.trials.protocol import Course, Protocol
-from barn_worlds.base.arrays import Bools, Floats, Integers
+from barn_worlds.base.arrays import Bools, Floats, Integers, njit
 from barn_worlds.base.types import nanoseconds
 
 # How a trial stands after a reading.

@@ -10,7 +10,6 @@ from functools import cache, cached_property
 from importlib import resources
 from xml.etree.ElementTree import tostring
 
-import jinja2
 import numpy as np
 from defusedxml.ElementTree import fromstring
 
@@ -155,6 +154,9 @@ def description_text(chassis: Chassis) -> str:
     if chassis.description:
         file = resources.files("barn_worlds") / "data" / "robots" / chassis.description
         return file.read_text(encoding="utf-8")
+    # Only here: commands import this module to show their help.
+    import jinja2  # noqa: PLC0415
+
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("barn_sim", "data"),
         autoescape=True,

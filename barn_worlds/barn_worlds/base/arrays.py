@@ -1,11 +1,11 @@
 """Types of arrays, and the compiler of kernels over them."""
 
 from collections.abc import Callable
+from functools import update_wrapper
 from typing import Any, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 # Names say what an array holds. mypy checks the type of its numbers, not its shape.
 BoolGrid = npt.NDArray[np.bool_]  # (rows, cols), True where filled or occupied
@@ -39,16 +39,58 @@ def unit_vectors(angles: AnyArray) -> Floats:
 _Function = TypeVar("_Function", bound=Callable[..., object])
 
 
+class _Kernel:
+    """A function that numba compiles on its first call.
+
+    Importing numba takes longer than all else that `barn run --help` needs.
+    """
+
+    def __init__(
+        self, function: Callable[..., object], options: dict[str, Any]
+    ) -> None:
+        update_wrapper(self, function)
+        self._function = function
+        self._options = options
+
+    def __call__(self, *arguments: Any) -> object:
+        return self.compiled(*arguments)
+
+    def __getattr__(self, name: str) -> Any:
+        # What else numba's functions have, such as `py_func`.
+        if name == "compiled":
+            return self._compile()
+        return getattr(self.compiled, name)
+
+    def _compile(self) -> Any:
+        import numba  # noqa: PLC0415 (see above)
+
+        self.compiled = numba.njit(**self._options)(self._function)
+        # A compiled function can only call those that numba knows.
+        scope = self._function.__globals__
+        for name, value in list(scope.items()):
+            if isinstance(value, _Kernel):
+                scope[name] = value.compiled
+        return self.compiled
+
+
+def njit(**options: Any) -> Callable[[_Function], _Function]:
+    """Return a decorator as numba's, which imports numba on the first call only."""
+
+    def decorate(function: _Function) -> _Function:
+        return cast(_Function, _Kernel(function, options))
+
+    return decorate
+
+
 def kernel(function: _Function) -> _Function:
     """Return `function` as a numba kernel, compiled at its first call, cached on disk.
 
     A division by zero gives inf or NaN, as in numpy. Python's exception would cost a
     branch at every division, and would keep loops from being vectorized.
     """
-    return cast(_Function, njit(cache=True, error_model="numpy")(function))
+    return njit(cache=True, error_model="numpy")(function)
 
 
 def inline_kernel(function: _Function) -> _Function:
     """Return a function compiled as by `kernel` and inlined where kernels call it."""
-    compiled = njit(cache=True, error_model="numpy", forceinline=True)(function)
-    return cast(_Function, compiled)
+    return njit(cache=True, error_model="numpy", forceinline=True)(function)

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 
-from barn_worlds.base.arrays import BoolGrid
+from barn_worlds.base.arrays import BoolGrid, njit
 from barn_worlds.base.config import Checked, as_dict, quantity
 from barn_worlds.base.errors import ConfigError, WorldError
 from barn_worlds.formats.dataset_file import WorldOrder, write_dataset_file

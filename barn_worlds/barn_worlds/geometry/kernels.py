@@ -9,9 +9,8 @@ y_min, x_max, y_max, or a convex polygon given by its counterclockwise corners (
 import math
 
 import numpy as np
-from numba import njit
 
-from barn_worlds.base.arrays import Floats
+from barn_worlds.base.arrays import Floats, njit
 
 _X = 0
 _Y = 1

@@ -17,9 +17,8 @@ among the polygons, and that one at most as long as the true one.
 import math
 
 import numpy as np
-from numba import njit
 
-from barn_worlds.base.arrays import Floats
+from barn_worlds.base.arrays import Floats, njit
 
 # Of a polygon, whose inner radius is then 0.5 % less than the disc's.
 CORNERS = 32

@@ -6,9 +6,8 @@ from itertools import pairwise
 from operator import attrgetter
 
 import numpy as np
-from numba import njit
 
-from barn_worlds.base.arrays import BoolGrid, Floats, Integers, Points
+from barn_worlds.base.arrays import BoolGrid, Floats, Integers, Points, njit
 from barn_worlds.moving.motion import MovingObstacle
 
 # Motions of n obstacles for `evaluate`: the first piece (n + 1,) of each; begin (m,)

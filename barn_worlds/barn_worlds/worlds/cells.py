@@ -12,9 +12,8 @@ import math
 from functools import cache
 
 import numpy as np
-from numba import njit
 
-from barn_worlds.base.arrays import BoolGrid, Cells, Points, SignedBytes
+from barn_worlds.base.arrays import BoolGrid, Cells, Points, SignedBytes, njit
 from barn_worlds.base.errors import WorldError
 from barn_worlds.base.types import OccupancyMap
 from barn_worlds.moving.motion import Wall

@@ -1,9 +1,8 @@
 """The configuration space on a grid, where a robot's center may be, and its regions."""
 
 import numpy as np
-from numba import njit
 
-from barn_worlds.base.arrays import BoolGrid, Integers
+from barn_worlds.base.arrays import BoolGrid, Integers, njit
 from barn_worlds.base.errors import WorldError
 
 # Steps to the neighbors: first the four at the sides, then the four at the corners.

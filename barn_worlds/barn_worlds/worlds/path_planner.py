@@ -9,9 +9,8 @@ import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numba import njit
 
-from barn_worlds.base.arrays import BoolGrid, Cells, Floats, Integers
+from barn_worlds.base.arrays import BoolGrid, Cells, Floats, Integers, njit
 from barn_worlds.base.errors import WorldError
 from barn_worlds.worlds.cspace import through_region
 

@@ -5,9 +5,8 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-from numba import njit
 
-from barn_worlds.base.arrays import BoolGrid, Cells, Floats
+from barn_worlds.base.arrays import BoolGrid, Cells, Floats, njit
 
 # Of a route: about 50 s at 0.5 m/s at most. A map without routes that are long enough
 # gives those of at least half its longest.
