@@ -6,11 +6,17 @@ They describe clearance, gaps and turning along its path.
 import math
 
 import numpy as np
-from numba import njit
 from scipy import ndimage
 
 from barn_metrics.metrics import closest_obstacle, tortuosity
-from barn_worlds.base.arrays import BoolGrid, Bools, Cells, Floats, side_lengths
+from barn_worlds.base.arrays import (
+    BoolGrid,
+    Bools,
+    Cells,
+    Floats,
+    side_lengths,
+    strict_kernel,
+)
 from barn_worlds.worlds.cells import hollow_cells
 from barn_worlds.worlds.world import World
 
@@ -139,7 +145,7 @@ def widest_gap_m(grid: BoolGrid, resolution_m: float) -> float:
     return float(max(0.0, gap) * resolution_m)
 
 
-@njit(cache=True)
+@strict_kernel
 def _smallest_largest_gap(centers: Floats, rows: float) -> float:
     """Return the least largest gap (cells) of a chain between the outer rows' edges.
 

@@ -3,9 +3,8 @@
 import math
 
 import numpy as np
-from numba import njit
 
-from barn_worlds.base.arrays import BoolGrid, Cells, Floats, Integers
+from barn_worlds.base.arrays import BoolGrid, Cells, Floats, Integers, strict_kernel
 
 SQRT2 = math.sqrt(2.0)
 TAN_22_5 = SQRT2 - 1.0
@@ -46,7 +45,7 @@ EIGHT_AXES: Floats = np.array(
 )
 
 
-@njit(cache=True)
+@strict_kernel
 def free_cells(
     occupied: BoolGrid, row: int, column: int, row_step: float, column_step: float
 ) -> tuple[int, bool]:
@@ -71,7 +70,7 @@ def free_cells(
         count += 1
 
 
-@njit(cache=True)
+@strict_kernel
 def average_visibility(occupied: BoolGrid, cells: Cells) -> Floats:
     """Return each cell's corrected average visibility, (n,): the mean of eight rays.
 
@@ -95,7 +94,7 @@ def average_visibility(occupied: BoolGrid, cells: Cells) -> Floats:
     return values
 
 
-@njit(cache=True)
+@strict_kernel
 def average_visibility_published(occupied: BoolGrid, cells: Cells) -> Floats:
     """Return each cell's published average visibility, (n,), NaN if no ray is blocked.
 
@@ -123,7 +122,7 @@ def average_visibility_published(occupied: BoolGrid, cells: Cells) -> Floats:
     return values
 
 
-@njit(cache=True)
+@strict_kernel
 def ray_blocked(
     occupied: BoolGrid, row: int, column: int, direction: Integers, points: int
 ) -> bool:
@@ -148,7 +147,7 @@ def ray_blocked(
     return False
 
 
-@njit(cache=True)
+@strict_kernel
 def dispersion(
     occupied: BoolGrid, cells: Cells, rays: Integers, points: Integers
 ) -> Floats:
@@ -177,7 +176,7 @@ def dispersion(
     return values
 
 
-@njit(cache=True)
+@strict_kernel
 def characteristic_dimension(occupied: BoolGrid, cells: Cells, axes: Floats) -> Floats:
     """Return for each cell the free length (cells) along its shortest axis, both ways.
 

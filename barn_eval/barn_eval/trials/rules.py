@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from barn_eval.trials.protocol import Course, Protocol
-from barn_worlds.base.arrays import Bools, Floats, Integers, njit
+from barn_worlds.base.arrays import Bools, Floats, Integers, strict_kernel
 from barn_worlds.base.types import nanoseconds
 
 # How a trial stands after a reading.
@@ -98,7 +98,7 @@ def initial_states(protocol: Protocol, course: Course) -> States:
     return states
 
 
-@njit(cache=True)
+@strict_kernel
 def observe(
     states: States,
     which: Integers,
@@ -122,7 +122,7 @@ def observe(
             _observe(states[i], stamps_ns[i], odometry[i], truths[i], contacts[i])
 
 
-@njit(cache=True)
+@strict_kernel
 def _observe(
     state: np.record, now_ns: int, odometry: Floats, truth: Floats, contact: bool
 ) -> None:
@@ -170,7 +170,7 @@ def _observe(
     state.code = _judge(state)
 
 
-@njit(cache=True)
+@strict_kernel
 def _judge(state: np.record) -> int:
     """Return RUNNING or the code by which the last reading ends the trial."""
     if state.touched and state.contact_ends:

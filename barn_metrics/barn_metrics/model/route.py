@@ -10,10 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from scipy.ndimage import distance_transform_edt, map_coordinates, maximum_filter
 
-from barn_worlds.base.arrays import Cells, Floats, side_lengths
+from barn_worlds.base.arrays import Cells, Floats, side_lengths, strict_kernel
 from barn_worlds.worlds.path_planner import trace
 from barn_worlds.worlds.world import World
 
@@ -162,7 +161,7 @@ def _smooth(values: Floats) -> Floats:
     return np.convolve(np.pad(values, _SMOOTHING // 2, mode="edge"), window, "valid")
 
 
-@njit(cache=True)
+@strict_kernel
 def _search(
     cost: Floats, start_row: int, start_column: int, goal_row: int, goal_column: int
 ) -> tuple[float, Cells]:

@@ -91,6 +91,11 @@ def kernel(function: _Function) -> _Function:
     return njit(cache=True, error_model="numpy")(function)
 
 
+def strict_kernel(function: _Function) -> _Function:
+    """Return a function compiled as by `kernel`, whose divisions by zero raise."""
+    return njit(cache=True)(function)
+
+
 def inline_kernel(function: _Function) -> _Function:
     """Return a function compiled as by `kernel` and inlined where kernels call it."""
     return njit(cache=True, error_model="numpy", forceinline=True)(function)

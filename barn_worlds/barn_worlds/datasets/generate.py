@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from barn_worlds.base.arrays import BoolGrid, njit
+from barn_worlds.base.arrays import BoolGrid, strict_kernel
 from barn_worlds.base.config import Checked, as_dict, quantity
 from barn_worlds.base.errors import ConfigError, WorldError
 from barn_worlds.formats.dataset_file import WorldOrder, write_dataset_file
@@ -323,7 +323,7 @@ def automaton_grids(
         yield grid
 
 
-@njit(cache=True)
+@strict_kernel
 def smooth(grid: BoolGrid, fill_threshold: int, clear_threshold: int) -> BoolGrid:
     """Return a new grid after one iteration of the cellular automaton.
 

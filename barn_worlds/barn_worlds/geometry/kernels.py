@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from barn_worlds.base.arrays import Floats, njit
+from barn_worlds.base.arrays import Floats, strict_kernel
 
 _X = 0
 _Y = 1
@@ -23,13 +23,13 @@ _SIN = 6
 _CORNER_SIGNS = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
 
 
-@njit(cache=True)
+@strict_kernel
 def _to_frame(x: float, y: float, c: float, s: float) -> tuple[float, float]:
     """Return vector x, y seen in the axes of a heading with cosine c and sine s."""
     return c * x + s * y, c * y - s * x
 
 
-@njit(cache=True)
+@strict_kernel
 def _disc_radius(shape: Floats) -> float:
     """Return the radius in m of a cylinder, or of the disc around a box."""
     if shape[_RADIUS] > 0.0:
@@ -37,14 +37,14 @@ def _disc_radius(shape: Floats) -> float:
     return math.hypot(shape[_HALF_LENGTH], shape[_HALF_WIDTH])
 
 
-@njit(cache=True)
+@strict_kernel
 def _side(corners: Floats, k: int) -> tuple[float, float]:
     """Return the vector (x, y) from corner k of a polygon to the next corner."""
     end = (k + 1) % len(corners)
     return corners[end, 0] - corners[k, 0], corners[end, 1] - corners[k, 1]
 
 
-@njit(cache=True)
+@strict_kernel
 def _distance_to_segment(dx: float, dy: float, sx: float, sy: float) -> float:
     """Return the distance of a point from a segment, both seen from its start.
 
@@ -63,7 +63,7 @@ def _distance_to_segment(dx: float, dy: float, sx: float, sy: float) -> float:
     return math.hypot(dx - share * sx, dy - share * sy)
 
 
-@njit(cache=True)
+@strict_kernel
 def rectangle_gap(ahead: float, left: float, extent: Floats) -> float:
     """Return the distance in m of a point from a rectangle in its frame, 0 inside.
 
@@ -77,7 +77,7 @@ def rectangle_gap(ahead: float, left: float, extent: Floats) -> float:
     return math.hypot(outside_x, outside_y)
 
 
-@njit(cache=True)
+@strict_kernel
 def gaps_to_rectangle(
     shapes: Floats, x: float, y: float, yaw: float, extent: Floats
 ) -> Floats:
@@ -118,7 +118,7 @@ def gaps_to_rectangle(
     return gaps
 
 
-@njit(cache=True)
+@strict_kernel
 def box_gap(
     x: float,
     y: float,
@@ -172,13 +172,13 @@ def box_gap(
     return nearest
 
 
-@njit(cache=True)
+@strict_kernel
 def _distance_outside(x: float, y: float, half_x: float, half_y: float) -> float:
     """Return the distance of a point from a rectangle around the origin, 0 inside."""
     return math.hypot(max(abs(x) - half_x, 0.0), max(abs(y) - half_y, 0.0))
 
 
-@njit(cache=True)
+@strict_kernel
 def times_to_rectangle(
     shapes: Floats,
     velocities: Floats,
@@ -228,7 +228,7 @@ def times_to_rectangle(
     return times
 
 
-@njit(cache=True)
+@strict_kernel
 def _disc_entry_time(x: float, y: float, vx: float, vy: float, radius: float) -> float:
     """Return when a moving point outside a disc about the origin enters it, or inf."""
     square = vx * vx + vy * vy
@@ -242,7 +242,7 @@ def _disc_entry_time(x: float, y: float, vx: float, vy: float, radius: float) ->
     return math.inf
 
 
-@njit(cache=True)
+@strict_kernel
 def entry_time(
     px: float, py: float, vx: float, vy: float, half_x: float, half_y: float
 ) -> float:
@@ -274,7 +274,7 @@ def entry_time(
     return enter if enter <= leave else math.inf
 
 
-@njit(cache=True)
+@strict_kernel
 def polygon_gap(x: float, y: float, corners: Floats) -> float:
     """Return a point's distance from a convex polygon, minus the depth inside.
 
@@ -300,7 +300,7 @@ def polygon_gap(x: float, y: float, corners: Floats) -> float:
     return nearest if deepest > 0.0 else deepest
 
 
-@njit(cache=True)
+@strict_kernel
 def polygon_gaps(x: Floats, y: Floats, corners: Floats, distances: Floats) -> None:
     """Write to `distances` those of n points from a convex polygon, below zero inside.
 
@@ -314,7 +314,7 @@ def polygon_gaps(x: Floats, y: Floats, corners: Floats, distances: Floats) -> No
         distances[i] = polygon_gap(x[i], y[i], corners)
 
 
-@njit(cache=True)
+@strict_kernel
 def gaps_to_polygon(
     shapes: Floats, x: float, y: float, yaw: float, corners: Floats, radius: float
 ) -> Floats:
@@ -350,7 +350,7 @@ def gaps_to_polygon(
     return gaps
 
 
-@njit(cache=True)
+@strict_kernel
 def _polygon_distance(a: Floats, b: Floats) -> float:
     """Return the distance of two convex polygons, 0 where they overlap.
 
@@ -367,7 +367,7 @@ def _polygon_distance(a: Floats, b: Floats) -> float:
     return nearest
 
 
-@njit(cache=True)
+@strict_kernel
 def _separates(a: Floats, b: Floats) -> bool:
     """Tell whether all of b lies beyond one side of a; False if a is a point."""
     count = len(a)
@@ -386,7 +386,7 @@ def _separates(a: Floats, b: Floats) -> bool:
     return False
 
 
-@njit(cache=True)
+@strict_kernel
 def times_to_polygon(
     shapes: Floats,
     velocities: Floats,
@@ -448,7 +448,7 @@ def times_to_polygon(
     return times
 
 
-@njit(cache=True)
+@strict_kernel
 def distance_to_line(line: Floats, x: float, y: float) -> float:
     """Return the distance in m of a point from a polyline.
 

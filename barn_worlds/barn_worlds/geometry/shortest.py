@@ -18,7 +18,7 @@ import math
 
 import numpy as np
 
-from barn_worlds.base.arrays import Floats, njit
+from barn_worlds.base.arrays import Floats, strict_kernel
 
 # Of a polygon, whose inner radius is then 0.5 % less than the disc's.
 CORNERS = 32
@@ -64,7 +64,7 @@ def shortest_path_bound_m(
     return max(length_m, straight_m) if math.isfinite(length_m) else straight_m
 
 
-@njit(cache=True)
+@strict_kernel
 def _visible_corners(centers: Floats, radius: float) -> tuple[Floats, Floats]:
     """Return polygon corners (n, 2) outside all inner discs, and outward directions."""
     capacity = len(centers) * CORNERS + 1
@@ -87,7 +87,7 @@ def _visible_corners(centers: Floats, radius: float) -> tuple[Floats, Floats]:
     return corners[:count], outward[:count]
 
 
-@njit(cache=True)
+@strict_kernel
 def _sees(a: Floats, b: Floats, centers: Floats, radius: float) -> bool:
     """Tell whether the segment from a to b (2,) enters no disc of `radius`."""
     dx = b[0] - a[0]
@@ -105,7 +105,7 @@ def _sees(a: Floats, b: Floats, centers: Floats, radius: float) -> bool:
     return True
 
 
-@njit(cache=True)
+@strict_kernel
 def _search(points: Floats, outward: Floats, centers: Floats, radius: float) -> float:
     """Return the length in m of the shortest path from start to goal, inf without one.
 
@@ -155,7 +155,7 @@ def _search(points: Floats, outward: Floats, centers: Floats, radius: float) -> 
                 cost[i] = cost[current] + length
 
 
-@njit(cache=True)
+@strict_kernel
 def _touches(outward: Floats, point: int, dx: float, dy: float, length: float) -> bool:
     """Tell whether a leg dx, dy touches the polygon at corner `point`.
 

@@ -7,7 +7,7 @@ from operator import attrgetter
 
 import numpy as np
 
-from barn_worlds.base.arrays import BoolGrid, Floats, Integers, Points, njit
+from barn_worlds.base.arrays import BoolGrid, Floats, Integers, Points, strict_kernel
 from barn_worlds.moving.motion import MovingObstacle
 
 # Motions of n obstacles for `evaluate`: the first piece (n + 1,) of each; begin (m,)
@@ -136,7 +136,7 @@ def jumps(positions: Floats, velocities: Floats, step_s: float) -> BoolGrid:
     return is_jump
 
 
-@njit(cache=True)
+@strict_kernel
 def evaluate(
     time_s: float, table: MotionTable, positions: Points, velocities: Points
 ) -> None:
@@ -174,7 +174,7 @@ def evaluate(
             velocities[k, axis] = slope / duration[piece] if is_moving else 0.0
 
 
-@njit(cache=True)
+@strict_kernel
 def _evaluate_all(
     times_s: Floats, table: MotionTable, positions: Floats, velocities: Floats
 ) -> None:

@@ -13,7 +13,7 @@ from functools import cache
 
 import numpy as np
 
-from barn_worlds.base.arrays import BoolGrid, Cells, Points, SignedBytes, njit
+from barn_worlds.base.arrays import BoolGrid, Cells, Points, SignedBytes, strict_kernel
 from barn_worlds.base.errors import WorldError
 from barn_worlds.base.types import OccupancyMap
 from barn_worlds.moving.motion import Wall
@@ -224,7 +224,7 @@ def occupy_wall(occupancy_map: OccupancyMap, wall: Wall) -> None:
     occupancy_map.data[inside] = OCCUPIED
 
 
-@njit(cache=True)
+@strict_kernel
 def _occupy_discs(
     data: SignedBytes, centers: Points, radius: float, resolution: float
 ) -> None:

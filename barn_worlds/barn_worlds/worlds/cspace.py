@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from barn_worlds.base.arrays import BoolGrid, Integers, njit
+from barn_worlds.base.arrays import BoolGrid, Integers, strict_kernel
 from barn_worlds.base.errors import WorldError
 
 # Steps to the neighbors: first the four at the sides, then the four at the corners.
@@ -39,7 +39,7 @@ def configuration_space(grid: BoolGrid, footprint_cells: int) -> BoolGrid:
     return np.ascontiguousarray(spread_both.T)
 
 
-@njit(cache=True)
+@strict_kernel
 def _fill_along_rows(grid: BoolGrid, reach: int) -> BoolGrid:
     """Return a mask, True where a filled cell is within `reach` rows in the column.
 
@@ -94,7 +94,7 @@ def label_regions(free: BoolGrid, neighbors: int = 4) -> tuple[Integers, Integer
     return labels, sizes[: labels.max(initial=0) + 1]
 
 
-@njit(cache=True)
+@strict_kernel
 def _largest(labels: Integers, sizes: Integers) -> int:
     """Return which of `labels` has the largest size, lowest of equals; 0 for none."""
     largest = 0
@@ -105,7 +105,7 @@ def _largest(labels: Integers, sizes: Integers) -> int:
     return largest
 
 
-@njit(cache=True)
+@strict_kernel
 def _label(free: BoolGrid, neighbors: int) -> tuple[Integers, Integers]:
     """Return labels (rows, cols), 0 where not free, and cells per possible label."""
     rows, cols = free.shape

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from barn_worlds.base.arrays import BoolGrid, Cells, Floats, Integers, njit
+from barn_worlds.base.arrays import BoolGrid, Cells, Floats, Integers, strict_kernel
 from barn_worlds.base.errors import WorldError
 from barn_worlds.worlds.cspace import through_region
 
@@ -130,7 +130,7 @@ def inflation(cspace: BoolGrid) -> Floats:
     return penalty
 
 
-@njit(cache=True)
+@strict_kernel
 def search(
     free: BoolGrid, penalty: Floats, start: int, goal: int, complete: bool
 ) -> Cells:
@@ -207,7 +207,7 @@ def search(
     return np.empty((0, 2), np.int64)
 
 
-@njit(cache=True)
+@strict_kernel
 def _step(free: BoolGrid, cell: int, direction: int) -> int:
     """Return the neighbor's index (row * cols + column), -1 if it is blocked."""
     rows, cols = free.shape
@@ -224,7 +224,7 @@ def _step(free: BoolGrid, cell: int, direction: int) -> int:
     return target
 
 
-@njit(cache=True)
+@strict_kernel
 def _remaining(cell: int, goal: int, cols: int, octile: bool) -> float:
     """Return a cell's distance to the goal in cells, octile or Euclidean."""
     rows_left = abs(cell // cols - goal // cols)
@@ -235,7 +235,7 @@ def _remaining(cell: int, goal: int, cols: int, octile: bool) -> float:
     return math.sqrt(rows_left * rows_left + columns_left * columns_left)
 
 
-@njit(cache=True)
+@strict_kernel
 def trace(parent: Integers, last: int, states_per_cell: int, cols: int) -> Cells:
     """Return the cells (n, 2) from a search's first state to state `last`, inclusive.
 

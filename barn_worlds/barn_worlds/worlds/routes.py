@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from barn_worlds.base.arrays import BoolGrid, Cells, Floats, njit
+from barn_worlds.base.arrays import BoolGrid, Cells, Floats, strict_kernel
 
 # Of a route: about 50 s at 0.5 m/s at most. A map without routes that are long enough
 # gives those of at least half its longest.
@@ -113,7 +113,7 @@ def _pool(mask: BoolGrid, block_cells: int) -> BoolGrid:
     return blocks
 
 
-@njit(cache=True)
+@strict_kernel
 def _measure_paths(free: BoolGrid, narrow: BoolGrid, row: int, column: int) -> Floats:
     """Return lengths of the shortest paths from a block, and of their narrow parts.
 
