@@ -77,8 +77,8 @@ def pair_by_world(measured: Sequence[Entry], simulated: Sequence[Entry]) -> Text
             rows.append((spelling(planner), label, "", "", "", "", mean.text()))
     if not rows:
         raise ConfigError(
-            f"{simulated[0].source.path}: has no world and planner in common with"
-            f" {measured[0].source.path}"
+            f"{simulated[0].source.path}: has no planner with trials in the same world as"
+            f" in {measured[0].source.path}"
         )
     title = "Measured and simulated, by world"
     return TextTable("simulated", title, _COLUMNS, tuple(rows), texts=2)

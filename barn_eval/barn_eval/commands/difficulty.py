@@ -33,7 +33,10 @@ def command() -> None:
 @file_option("--weights", help="Weights of the model [default: those of the suite].")
 @json_option
 def predict(source: str, select: str, weights: Path | None, as_json: bool) -> None:
-    """Predict how difficult the worlds of SOURCE are: a data set, or a folder or file, also of your own maps."""
+    """Predict how difficult the worlds of SOURCE are.
+
+    SOURCE is the name of a data set, or a file or folder of worlds or of your own maps.
+    """
     model, name, predictions = predict_rows(source, select, weights)
     planner_columns = []
     # Each model knows its own planners, so columns come from the prediction.

@@ -429,7 +429,7 @@ _DEMO_PERCENTAGES = (5, 40, 70)
 @folder_option("--out", default="out/demo", help="Folder for the results.")
 @json_option
 def demo(dataset: str, mode: Any, out: Path, as_json: bool) -> int:
-    """Drive an easy, a medium and a harder world with DWA under the challenge protocol, and show the scores.
+    """Drive DWA through an easy, a medium, and a harder world under the challenge protocol, and show the scores.
 
     Simulator, planner and evaluator are three ROS 2 nodes, each in its own process.
     Earlier results in the folder are replaced.

@@ -89,8 +89,8 @@ def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderC
     folder = Path(folder)
     if not _CONTAINER.fullmatch(container):
         raise ConfigError(
-            f"container {format_value(container)}: must be sha256: and 64 hexadecimal"
-            " digits, optionally after a name and @"
+            f"container {format_value(container)}: must have the form"
+            " [NAME@]sha256:DIGITS, with 64 hexadecimal digits in lower case"
         )
     check = check_folder(folder)
     problems = list(check.problems)

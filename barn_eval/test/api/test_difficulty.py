@@ -40,7 +40,7 @@ def test_the_page_on_metrics_quotes_the_card():
             values = [float(number) for number in re.findall(r"-?[\d.]+", cells[6])]
             (folds if cells[1] not in folds else elsewhere).setdefault(cells[1], values)
     section = " ".join(
-        page.read_text("utf-8").split("## Difficulty, learned")[1].split()
+        page.read_text("utf-8").split("## Learned difficulty")[1].split()
     )
     assert (
         f"ridge regression on them explains {100 * folds['ridge'][0]:.0f} % of the variance"

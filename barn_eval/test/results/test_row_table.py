@@ -106,5 +106,7 @@ def test_a_table_is_read_with_few_rows_alive(tmp_path, monkeypatch):
     assert made == [10, 10, 10, 5]
     line = json.loads(to_json_line(result(12)))
     file.append(from_json_line(json.dumps(line), ""))
-    with pytest.raises(ConfigError, match=r"line 36: trial dwa_w0012_r00 is there"):
+    with pytest.raises(
+        ConfigError, match=r"line 36: trial dwa_w0012_r00 is listed twice"
+    ):
         file.read()

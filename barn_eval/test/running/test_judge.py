@@ -318,6 +318,6 @@ def test_a_report_of_observed_trials_names_no_command(nearer, tmp_path, succeed)
 def test_a_file_that_is_no_bag_is_named_in_one_line(tmp_path, ending):
     path = tmp_path / f"garbage.{ending}"
     path.write_bytes(b"no bag at all, whatever its name says")
-    with refused(f"{path}: not a", BagError):
+    with refused(f"{path}: cannot be read as a bag", BagError):
         judge([path], tmp_path / "out")
     assert not (tmp_path / "out").exists()

@@ -258,7 +258,7 @@ def test_modules_are_looked_for_through_a_packages_own_files(workspace):
     source = read_source(f"package:{workspace}:follower")
     missing = source.missing_modules({})
     assert list(missing) == ["nowhere_a", "tf2"]
-    assert "PyPI is another one" in missing["tf2"]
+    assert "PyPI is another package" in missing["tf2"]
     assert source.goal_arguments() == " --ros-args -p goal_x:={goal_x}"
 
 

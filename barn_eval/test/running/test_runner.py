@@ -355,7 +355,7 @@ def test_a_trial_whose_folder_was_moved_has_had_an_attempt(tmp_path, config, spe
         shutil.copytree(tmp_path / "away", out)
         return result
 
-    with refused("somebody moved that", StoreError):
+    with refused("which was moved", StoreError):
         run(out, config, specs, Scripted(slots=1, fate=move))
     (note,) = (out / "losses").iterdir()
     assert "interrupted: StoreError" in note.read_text()

@@ -117,7 +117,7 @@ def test_trials_with_nothing_in_common_do_not_stand_side_by_side(folders, tmp_pa
     _, sim = folders
     bags = [sim / "bags" / "gap_w0050_r00"]
     judge(bags, tmp_path / "other", replace(LAB, planner="other"))
-    with pytest.raises(ConfigError, match="no world and planner in common"):
+    with pytest.raises(ConfigError, match="no planner with trials in the same world"):
         build_report([tmp_path / "other", sim])
     judge(bags, tmp_path / "older", replace(LAB, protocol="challenge_2022"))
     with pytest.raises(ConfigError, match="protocols: challenge, challenge_2022"):

@@ -70,7 +70,8 @@ class EBandConfig(Checked):
     )
     rotation_threshold_multiplier: float = quantity(
         1.0,
-        "turn in place if the bearing is larger than this many bubble angles",
+        "turn in place if the next bubble's bearing exceeds this many times the angle that"
+        " the overlap with it spans",
         "",
         0.0,
         10.0,

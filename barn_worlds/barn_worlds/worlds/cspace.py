@@ -29,7 +29,8 @@ def configuration_space(grid: BoolGrid, footprint_cells: int) -> BoolGrid:
     """
     if footprint_cells < 1 or footprint_cells % 2 == 0:
         raise WorldError(
-            f"footprint must be an odd number of cells from 1, got {footprint_cells}"
+            "side of the footprint must be an odd number of cells, at least 1,"
+            f" got {footprint_cells}"
         )
 
     # A square is a span of rows followed by a span of columns.

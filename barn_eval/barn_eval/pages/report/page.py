@@ -90,8 +90,8 @@ def draw(
             panels.extend([ax] if isinstance(ax, Axes) else ax)
             if len(panels) != count:
                 raise ConfigError(
-                    f"ax: the figure {chart.name!r} has {count} panels, "
-                    f"got {len(panels)} axes"
+                    f"ax: the figure {chart.name!r} needs one axes per panel: {count}, "
+                    f"got {len(panels)}"
                 )
             return panels
 

@@ -128,7 +128,7 @@ def test_a_figure_can_be_drawn_onto_axes_of_others(report, chart):
         return axes.get_title(), axes.get_xlabel(), repr(lines)
 
     assert list(map(content, panels)) == list(map(content, figure_panels))
-    with refused(f"'{chart.name}' has {count} panels, got {count + 1} axes"):
+    with refused(f"'{chart.name}' needs one axes per panel: {count}, got {count + 1}"):
         plot(chart.name, report.entries, ax=[panels[0]] * (count + 1))
 
 
