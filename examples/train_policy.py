@@ -39,6 +39,7 @@ from barn_eval.running.direct import run_direct_trial
 from barn_eval.trials.protocol import load_protocol
 from barn_eval.trials.run_config import PlannerChoice, RunConfig
 from barn_eval.trials.spec import simulator_config
+from barn_planners.policy.collision_check import CollisionCheckConfig
 from barn_planners.policy.file import read_policy
 from barn_planners.policy.space import PolicyAction, PolicyObservation
 from barn_worlds.datasets.dataset import open_dataset
@@ -64,9 +65,9 @@ TASKS = {
         "challenge",
         "barn300",
         "0:300:6",
-        3_000_000,
-        # Five frames, 0.4 s apart, are a memory of a dead end.
-        PolicyObservation(beams=40, frames=5, frame_steps=4),
+        6_000_000,
+        # Three frames, 0.4 s apart, are a memory of a dead end.
+        PolicyObservation(beams=40, frames=3, frame_steps=4),
         PolicyAction(min_speed_mps=0.0, max_speed_mps=1.0, repeat=2),
     ),
     "moving": Task(
@@ -358,6 +359,7 @@ def checksums(name: str | Path) -> set[str]:
     type=click.Path(path_type=Path, exists=True, dir_okay=False),
     help="Policy file to start from, with fewer frames or as many.",
 )
+@click.option("--collision-check", is_flag=True, help="Train with the check on.")
 @click.option(
     "--out",
     default=Path("out/policy"),
@@ -373,6 +375,7 @@ def main(
     held_out: str | None,
     environments: int,
     start: Path | None,
+    collision_check: bool,
     out: Path,
 ) -> None:
     """Train a policy and compare it with the untrained one."""
@@ -391,6 +394,7 @@ def main(
         protocol=task.protocol,
         observation=task.observation,
         action=task.action,
+        safety=CollisionCheckConfig(enabled=collision_check),
         reward=RewardConfig(discount=DISCOUNT),
     )
     curve = train(config, steps or task.steps, seed, environments, out, start)

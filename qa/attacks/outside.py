@@ -145,7 +145,7 @@ def _(folder: Path) -> str:
 def _(folder: Path) -> str:
     choices: Any = {"straight": Straight}
     run_inline("0,30", choices, CHALLENGE, out=folder / "a", seed=5)
-    return find_note([folder / "a"], "option selects", worlds="30")
+    return find_note([folder / "a"], "selected worlds", worlds="30")
 
 
 @attack("computing/hard-worlds", "It computes for long in a third of its trials.")

@@ -27,7 +27,11 @@ from barn_worlds.base.types import STOP, Pose2D, Scan, Velocity2D
 from barn_worlds.robots.robot import Robot
 
 # Policies that come with the package, by what `policy_path` says.
-SHIPPED = {"": "policy.npz", "moving": "policy_moving.npz"}
+SHIPPED = {
+    "": "policy.npz",
+    "static": "policy_static.npz",
+    "moving": "policy_moving.npz",
+}
 
 # The planner's own robot, in arrays of many.
 _ONLY = np.zeros(1, np.intp)
@@ -39,8 +43,8 @@ class PolicyConfig(Checked):
 
     policy_path: str = quantity(
         "",
-        "policy file (.npz or .onnx); empty: the shipped policy for static worlds; moving:"
-        " the shipped policy for moving obstacles",
+        "policy file (.npz or .onnx) or a shipped policy: empty (static worlds, one scan),"
+        " static (static worlds, three scans) or moving (moving obstacles)",
     )
     goal_tolerance_m: float = quantity(
         0.25, "distance within which the goal counts as reached", "m", 0.01, 10.0
