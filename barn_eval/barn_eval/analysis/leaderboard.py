@@ -216,7 +216,7 @@ def board_rows(boards: Sequence[Board]) -> list[dict[str, Any]]:
 
 
 def make_board(entries: Sequence[Entry], measure: Measure) -> Board:
-    """Rank entries of one task by a measure, with a test of every pair.
+    """Rank entries by a measure over trials that all have, and test every pair.
 
     Args:
         entries: At least one, with distinct labels.

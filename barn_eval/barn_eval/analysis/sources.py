@@ -365,7 +365,7 @@ def read_worlds(
 def planner_choices(
     configuration: Mapping[str, Any], planner: str = ""
 ) -> list[dict[str, Any]]:
-    """Return the planner mappings in a run's configuration, without malformed ones.
+    """Return the mappings in a configuration's `planners`, [] if that is not a list.
 
     Args:
         configuration: Configuration of a run as plain data.

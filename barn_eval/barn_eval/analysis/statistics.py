@@ -62,7 +62,7 @@ class TrialValues:
         return len(self.failures) > 0
 
     def mean(self) -> Interval:
-        """Return the mean of the finite values with its 95 % interval.
+        """Return the mean of finite values; its 95 % limits are None below two worlds.
 
         Limits are clipped to possible values.
         """
@@ -95,7 +95,7 @@ class TrialValues:
         return replace(interval, low=low, high=high)
 
     def parts(self) -> Components:
-        """Return the variance between and within worlds; values must be finite."""
+        """Return variances between and within worlds, 0 within at one trial in each."""
         components = significance.variance_components(self.values, self.worlds)
         return replace(components, unseen=self.unseen)
 

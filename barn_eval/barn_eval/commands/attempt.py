@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 )
 @json_option
 def command(as_json: bool, **planner: str | None) -> int:
-    """Start a planner beside a simulator, and say what it lacks for trials.
+    """Start a planner beside a simulator; say what it lacks, exit with 3 if no command.
 
     COMMAND starts the planner, as in `barn run --planner-command`. The test takes ten
     seconds and checks the modules that the planner imports, its topics and its first

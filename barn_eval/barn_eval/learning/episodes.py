@@ -225,7 +225,7 @@ class Episodes:
         self._is_new[new] = False
 
     def judge(self, rows: Integers) -> list[int]:
-        """Judge the last readings of some robots; return the rows whose episodes ended.
+        """End episodes of some robots by their last readings; return the ended rows.
 
         Args:
             rows: Robots that have moved or begun.

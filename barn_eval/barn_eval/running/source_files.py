@@ -177,7 +177,7 @@ class SourceFile:
         )
 
     def _read_call(self, call: ast.Call) -> Any:
-        """Return what a call stands for; ConfigError as `_read`."""
+        """Return the value of a path, wrapper or launch argument; refuse all else."""
         name = _function(call)
         arguments = [*call.args, *(keyword.value for keyword in call.keywords)]
         if name in _JOINS:

@@ -92,7 +92,7 @@ class Change:
 
 
 def changes(now: Sequence[Measurement], before: Sequence[Measurement]) -> list[Change]:
-    """Return a `Change` for each figure that two benchmarks have in common.
+    """Return a `Change` (above 1 is better) of each figure that is positive in both.
 
     Args:
         now: Figures of the newer benchmark.

@@ -72,7 +72,7 @@ class Wavefront(NamedTuple):
 
 
 def new_wavefront(rows: int, cols: int) -> Wavefront:
-    """Return memory for a wavefront on rows x cols cells; `start_wavefront` seeds it.
+    """Return memory for a wavefront on padded rows x cols; `start_wavefront` seeds it.
 
     Args:
         rows: Number of rows of the costmap.

@@ -215,7 +215,7 @@ class DwaController(Controller):
         return float(table[0, kernels.COST])
 
     def _escape(self, start: kernels.Start) -> Control:
-        """Record an escape; return a command backwards, or none and the reason."""
+        """Back up if free or `escape_through`, else give no command; record that."""
         config = self.config
         command = Velocity2D(max(config.escape_speed_mps, -config.max_speed_mps), 0.0)
         cost = self._cost(command, start)

@@ -65,7 +65,7 @@ class FusedOdometry:
         robot["speed_factor"] = 1.0 + config.wheel_radius_error * radius
 
     def update(self, number: int) -> None:
-        """Set the errors of yaw and yaw rate to those of update `number`, from 0."""
+        """Set yaw and yaw rate errors to those of update `number`; in turn, from 0."""
         self.supply_noise(number, number)
         fleet = self._fleet
         robot = fleet.robots[self._index]

@@ -306,7 +306,7 @@ def write_ordered(
 def automaton_grids(
     parameters: WorldParameters, generator: np.random.Generator
 ) -> Iterator[BoolGrid]:
-    """Yield the random grid and then the grid after each iteration (paper, Fig. 1).
+    """Yield the random grid, with filled end rows, and that after each iteration.
 
     Args:
         parameters: Fill, cellular automaton and size.

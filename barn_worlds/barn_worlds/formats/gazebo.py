@@ -161,7 +161,7 @@ class GazeboFile:
 
     @cached_property
     def cylinders(self) -> tuple[Points, list[float]]:
-        """Centers x, y (n, 2) and n radii in m of upright collision cylinders."""
+        """Centers (n, 2) and n radii in m of upright cylinders; WorldError if none."""
         cylinders: list[tuple[float, float, float]] = []
         try:
             for model, scale in self._world.models():

@@ -60,7 +60,7 @@ class Scope:
             yield self._model(element)
 
     def locate(self, element: Element, base: Transform | None = None) -> Transform:
-        """Return the pose in the world of an element of this scope.
+        """Return an element's pose in the world: saved in <state>, else by its <pose>.
 
         Args:
             element: A link, frame, joint or model, or a collision of a link.

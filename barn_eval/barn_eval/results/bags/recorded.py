@@ -132,7 +132,7 @@ class RecordedTrial:
         return clearance
 
     def goal_pose(self) -> Pose2D | None:
-        """Return the goal pose in the frame of `poses`, None if the bag has no goal.
+        """Return the goal in the frame of `poses`, unchanged if unrelated; or None.
 
         Frames are taken at the start, when they agree best.
         """

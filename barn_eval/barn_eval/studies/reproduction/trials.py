@@ -346,7 +346,7 @@ class ModelFinding:
 def judge_model(
     model: DifficultyModel, dataset: Dataset, rows: Sequence[WorldRow], seed: int
 ) -> ModelFinding:
-    """Return a model's errors against the difficulty measured by both planners' trials.
+    """Return a trained model's errors in worlds of `rows`, by both planners' trials.
 
     Args:
         model: A model that was trained in other worlds.
