@@ -314,10 +314,16 @@ def test_a_report_of_observed_trials_names_no_command(nearer, tmp_path, succeed)
     assert "observed in robot lab" in page and "barn run --dataset" not in page
 
 
-@pytest.mark.parametrize("ending", ["bag", "db3", "mcap.zstd", "mcap"])
-def test_a_file_that_is_no_bag_is_named_in_one_line(tmp_path, ending):
+NO_BAG = "cannot be read as a bag"
+
+
+@pytest.mark.parametrize(
+    ("ending", "fault"),
+    [("bag", NO_BAG), ("db3", NO_BAG), ("mcap.zstd", NO_BAG), ("mcap", "not an MCAP")],
+)
+def test_a_file_that_is_no_bag_is_named_in_one_line(tmp_path, ending, fault):
     path = tmp_path / f"garbage.{ending}"
     path.write_bytes(b"no bag at all, whatever its name says")
-    with refused(f"{path}: cannot be read as a bag", BagError):
+    with refused(f"{path}: {fault}", BagError):
         judge([path], tmp_path / "out")
     assert not (tmp_path / "out").exists()
