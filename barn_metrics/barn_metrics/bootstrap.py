@@ -52,7 +52,7 @@ class Interval:
         return {name: self.estimate, f"{name}_low": self.low, f"{name}_high": self.high}
 
     def text(self, digits: int = 2, unit: str = "") -> str:
-        """Return estimate and limits as text, such as "0.51 m [0.40, 0.60]".
+        """Return text such as "0.51 m [0.40, 0.60]"; without limits, only the estimate.
 
         Args:
             digits: Decimals of all three numbers.
@@ -93,7 +93,7 @@ def bootstrap_interval(
     percentile: bool = False,
     resamples: int = RESAMPLES,
 ) -> Interval:
-    """Return a statistic of all worlds with its 95 % interval over draws of worlds.
+    """Return a statistic with 95 % limits: None below two worlds or if not finite.
 
     Args:
         statistic: Function of places of worlds (..., n), 0 to worlds - 1.
@@ -143,7 +143,7 @@ def bootstrap_interval(
 
 
 def spearman(a: Floats | Integers, b: Floats | Integers) -> Floats:
-    """Return Spearman's correlation along the last axis, NaN where a side is constant.
+    """Return Spearman's correlation (last axis), NaN if a side is constant; ints >= 0.
 
     Args:
         a: Values (..., n).
@@ -167,7 +167,7 @@ def correlation(a: Floats, b: Floats) -> Floats:
 
 
 def _ranks(values: Floats | Integers) -> Floats:
-    """Return average ranks along the last axis, apart from a constant shift.
+    """Return average ranks along the last axis, up to a shift; integers must be >= 0.
 
     Whole numbers from 0 are ranked by counting, which is much faster than sorting.
     """

@@ -108,7 +108,7 @@ def heading_changes(path: Cells) -> Floats:
 
 
 def sharpest_turn(turning: Floats, lengths: Floats, window_m: float) -> float:
-    """Return the largest net turn in rad, unsigned, over any stretch of window_m.
+    """Return the largest net turn in rad, unsigned, within window_m; 0 without turns.
 
     Args:
         turning: Changes of heading (n - 2,) at the inner cells of the path.
@@ -147,7 +147,7 @@ def widest_gap_m(grid: BoolGrid, resolution_m: float) -> float:
 
 @strict_kernel
 def _smallest_largest_gap(centers: Floats, rows: float) -> float:
-    """Return the least largest gap (cells) of a chain between the outer rows' edges.
+    """Return the least largest gap (cells) of chains between side edges, at most rows.
 
     Args:
         centers: Of unit discs (n, 2), in cells.
@@ -182,7 +182,7 @@ def _smallest_largest_gap(centers: Floats, rows: float) -> float:
 
 
 def _narrow_passages(is_narrow: Bools, lengths: Floats) -> tuple[int, float]:
-    """Return the number of narrow stretches of a path, and the longest one's length."""
+    """Return how many narrow stretches a path has and the longest one's length in m."""
     places_m = np.append(0.0, np.cumsum(lengths))
     labels, count = ndimage.label(is_narrow)
     longest_m = 0.0

@@ -49,7 +49,7 @@ EIGHT_AXES: Floats = np.array(
 def free_cells(
     occupied: BoolGrid, row: int, column: int, row_step: float, column_step: float
 ) -> tuple[int, bool]:
-    """Count a ray's free cells, start excluded; True if an obstacle, no edge, ends it.
+    """Return a ray's free cells, start excluded, and if an obstacle, no edge, ends it.
 
     Args:
         occupied: (rows, cols).
@@ -72,7 +72,7 @@ def free_cells(
 
 @strict_kernel
 def average_visibility(occupied: BoolGrid, cells: Cells) -> Floats:
-    """Return each cell's corrected average visibility, (n,): the mean of eight rays.
+    """Return the mean length of eight rays per cell, end included, diagonals sqrt 2.
 
     Args:
         occupied: (rows, cols).
@@ -96,7 +96,7 @@ def average_visibility(occupied: BoolGrid, cells: Cells) -> Floats:
 
 @strict_kernel
 def average_visibility_published(occupied: BoolGrid, cells: Cells) -> Floats:
-    """Return each cell's published average visibility, (n,), NaN if no ray is blocked.
+    """Return published visibility (n,): floored mean of blocked rays, NaN without any.
 
     Args:
         occupied: (rows, cols).
@@ -126,7 +126,7 @@ def average_visibility_published(occupied: BoolGrid, cells: Cells) -> Floats:
 def ray_blocked(
     occupied: BoolGrid, row: int, column: int, direction: Integers, points: int
 ) -> bool:
-    """Tell whether one of the first cells of a ray, start excluded, is occupied.
+    """Tell whether one of a ray's first `points` cells, start excluded, is occupied.
 
     Args:
         occupied: (rows, cols); beyond it the ray is open.
@@ -151,7 +151,7 @@ def ray_blocked(
 def dispersion(
     occupied: BoolGrid, cells: Cells, rays: Integers, points: Integers
 ) -> Floats:
-    """Return per cell how often neighboring rays change between blocked and open.
+    """Return per cell how often rays in a circle change between blocked and open, (n,).
 
     Args:
         occupied: (rows, cols).

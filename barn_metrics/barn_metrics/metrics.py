@@ -61,7 +61,7 @@ FORMULAS: dict[str, Formula] = {
 
 
 def as_formula(formula: Formula | str) -> Formula:
-    """Return the `Formula` with a name in `FORMULAS`, or the given `Formula` itself.
+    """Return the formula with a name, ConfigError if there is none, or the given one.
 
     Raises:
         ConfigError: If the name is unknown.
@@ -115,7 +115,7 @@ class WorldMetrics:
 def cell_metrics(
     cspace: BoolGrid, cells: Cells, formula: Formula | str = CORRECTED
 ) -> Floats:
-    """Return the four metrics (n, 4) of single free cells of a C-space.
+    """Return the four metrics (n, 4) of C-space cells; WorldError if one is not free.
 
     Without obstacles the closest one is infinitely far. The published visibility is NaN
     if no ray ends at an obstacle.
@@ -157,7 +157,7 @@ def cell_metrics(
 
 
 def closest_obstacle(cspace: BoolGrid) -> Floats:
-    """Return each cell's distance, in cells, to the nearest occupied one, (rows, cols).
+    """Return each cell's distance in cells to the nearest occupied one; inf if none is.
 
     The distance is Euclidean. It is inf if no cell is occupied.
     """
@@ -168,9 +168,9 @@ def closest_obstacle(cspace: BoolGrid) -> Floats:
 
 
 def tortuosity(path: Cells) -> float:
-    """Return arc length over chord of a path (n, 2), without a unit.
+    """Return a path's arc length over chord, at least 1; inf if it ends at its start.
 
-    It is 1 if the path stays in one cell, and inf if it returns to its start.
+    It is 1 if the path stays in one cell.
     """
     arc = float(side_lengths(path).sum())
     row_chord, column_chord = (path[-1] - path[0]).tolist()
@@ -181,7 +181,7 @@ def tortuosity(path: Cells) -> float:
 
 
 def mean_metrics(values: Floats, path: Cells) -> WorldMetrics:
-    """Return the five metrics of a world from its path and the path's cell metrics.
+    """Return a world's five metrics: means of cell metrics (n, 4), path's tortuosity.
 
     Args:
         values: `cell_metrics` (n, 4) of its cells.
@@ -192,7 +192,7 @@ def mean_metrics(values: Floats, path: Cells) -> WorldMetrics:
 
 
 def world_metrics(world: World, formula: Formula | str = CORRECTED) -> WorldMetrics:
-    """Return the five metrics of a world, as means over its path in its C-space.
+    """Return a world's five metrics, means over its path; WorldError for an arena.
 
     Args:
         world: A world whose obstacles stand on a grid, no arena.
@@ -205,7 +205,7 @@ def world_metrics(world: World, formula: Formula | str = CORRECTED) -> WorldMetr
 
 
 def world_cell_metrics(world: World, formula: Formula | str) -> Floats:
-    """Return the four metrics (n, 4) of each cell of a world's path, not their mean.
+    """Return a path's cell metrics (n, 4); WorldError for an arena or a blocked path.
 
     Args:
         world: A world whose obstacles stand on a grid, no arena.
@@ -248,7 +248,7 @@ def metric_maps(
 
 
 def _validate_cells(cspace: BoolGrid, cells: Cells) -> tuple[BoolGrid, Cells]:
-    """Return both as contiguous arrays; WorldError if a cell is occupied or outside."""
+    """Return both as contiguous arrays; WorldError if malformed, occupied, outside."""
     is_grid = isinstance(cspace, np.ndarray) and cspace.ndim == 2
     if not is_grid or cspace.dtype != np.bool_:
         raise WorldError("C-space must be a two-dimensional array of bools")

@@ -84,7 +84,7 @@ class MetricsTable:
         return ["Metric", *_SUMMARY_HEADINGS.values()], lines
 
     def summary_of(self, metric: metrics.Metric) -> dict[str, float]:
-        """Return minimum, maximum, mean and population std of a metric over worlds.
+        """Return min, max, mean, population std over worlds, and extremes over cells.
 
         Metrics of cells have extremes over cells as well.
         """
@@ -106,7 +106,7 @@ def metrics_table(
     worlds: Dataset | Iterable[World],
     formula: metrics.Formula | str = metrics.CORRECTED,
 ) -> MetricsTable:
-    """Compute the metrics of all worlds; return them as a `MetricsTable`.
+    """Return the metrics of all worlds as a table; WorldError if there are no worlds.
 
     Args:
         worlds: A data set, whose worlds are labeled by number, or worlds, by name.

@@ -63,7 +63,7 @@ class Batch:
     """Physics clients for contacts, which `close` ends."""
 
     def __init__(self, count: int, config: SimulatorConfig):
-        """Make room for simulators.
+        """Make room for `count` simulators, which `put` adds.
 
         Args:
             count: Number of simulators.

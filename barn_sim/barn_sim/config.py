@@ -246,7 +246,7 @@ _PRESET_FIELDS = {
 
 
 def with_robot(config: Config, robot: Robot) -> Config:
-    """Return a configuration with a robot's chassis, drive, lidar, odometry and grip.
+    """Return a configuration with a robot's parts and grip; changed noise stays.
 
     Args:
         config: Configuration of any simulator. For the standard robot it is returned
@@ -284,7 +284,7 @@ def with_robot(config: Config, robot: Robot) -> Config:
 
 
 def chassis_in(simulator: object) -> Chassis:
-    """Return the `Chassis` in a simulator's plain data, else the standard robot's.
+    """Return the `Chassis` in plain data, else the standard one; ConfigError if wrong.
 
     Args:
         simulator: Mapping that may have a chassis. Without one, or for anything else,

@@ -167,7 +167,7 @@ class SimulatorMessages:
         )
 
     def transforms(self, odometry: Pose2D, stamp_ns: int) -> OutgoingMessage:
-        """Return the tf message of map to odom, as last localized, and odom to base.
+        """Keep odom to base; return tf with it and map to odom as last localized.
 
         Args:
             odometry: Pose in the odom frame.

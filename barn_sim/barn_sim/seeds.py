@@ -37,7 +37,7 @@ def generator(seed: int, child: int) -> np.random.Generator:
 
 
 def phase_s(world: World, config: SimulatorConfig, start: Pose2D, seed: int) -> float:
-    """Return the time (s) in their motions at which moving obstacles start.
+    """Return moving obstacles' start time (s), random or 0; ConfigError if none fits.
 
     Args:
         world: World that may have moving obstacles.

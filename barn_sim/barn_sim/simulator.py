@@ -161,7 +161,7 @@ class Simulator:
         return self._sensors
 
     def step(self, command: Velocity2D | None, delay_ns: int = 0) -> Sensors:
-        """Queue a command, advance one control period and return all readings.
+        """Queue a command, if any, advance one control period and return all readings.
 
         Args:
             command: Sent first; None for no command.
@@ -176,7 +176,7 @@ class Simulator:
         return self.sense()
 
     def command(self, velocity: Velocity2D, delay_ns: int = 0) -> None:
-        """Queue a velocity command without advancing; NaN or infinity becomes a stop.
+        """Queue a command without advancing; count NaN or infinity as invalid and stop.
 
         Args:
             velocity: Speed and yaw rate.

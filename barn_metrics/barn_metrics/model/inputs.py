@@ -41,12 +41,12 @@ def _disc_cost(radius_m: float) -> CostFunction:
 
 
 def _travel_time(clearance: Floats) -> Floats:
-    """Return cost per m as 1 / speed, which rises with clearance from 0.05 to 1."""
+    """Return cost per m, 20 to 1, as 1 / speed, where speed rises with clearance."""
     return 1.0 / np.clip((clearance - 0.15) / (0.45 - 0.15), 0.05, 1.0)
 
 
 def _costmap_cost(clearance: Floats) -> Floats:
-    """Return cost per m by clearance (m), as in the paper's inflated costmap."""
+    """Return cost per m: `_BLOCKED` up to 0.195 m, decaying up to 0.3 m, then 1."""
     inscribed_m = 0.195
     inflation_m = 0.30
     decay = 1.0 + 4.0 * np.exp(-10.0 * (clearance - inscribed_m))
@@ -91,7 +91,7 @@ def input_names() -> tuple[str, ...]:
 
 
 def inputs_of(worlds: Iterable[World]) -> Floats:
-    """Return the difficulty model's inputs (n, d) of worlds, all of them finite.
+    """Return worlds' inputs (n, d), made finite: NaN is 0, infinity is 1e6 or -1e6.
 
     Raises:
         WorldError: If one of them is an arena, or its path meets the C-space.
@@ -119,7 +119,7 @@ def _find_routes(clearance: ClearanceMap) -> dict[str, Route]:
 def _summarize(
     world: World, clearance: ClearanceMap, routes: Mapping[str, Route]
 ) -> dict[str, float]:
-    """Return the model's inputs that summarize a world, by name, in their order."""
+    """Return a world's summary inputs by name, in order; some may be infinite."""
     # Tortuosity is a metric and a feature; the metric comes first and counts.
     metrics = asdict(world_metrics(world))
     summary = metrics | world_features(world) | metrics | _summarize_ends(clearance)
@@ -132,7 +132,7 @@ def _summarize(
 
 
 def _summarize_ends(clearance: ClearanceMap) -> dict[str, float]:
-    """Return clearances (m) around start, goal and a cell beyond the goal, by name."""
+    """Return clearance (m) at and near start, goal and a cell beyond, by name."""
     # Three fine cells are one of the world.
     ahead = (clearance.goal[0], clearance.goal[1] + 3)
     places = {"start": clearance.start, "goal": clearance.goal, "goal_ahead": ahead}

@@ -82,16 +82,13 @@ class RouteNetwork:
 
 
 def moments(values: Floats) -> tuple[Floats, Floats]:
-    """Return mean and standard deviation (d,) over the rows of values (n, d).
-
-    The deviation of a constant column is 1.
-    """
+    """Return mean and std (d,) over rows of values (n, d); a constant column has std 1."""
     std = values.std(axis=0)
     return values.mean(axis=0), np.where(std > 1e-9, std, 1.0)
 
 
 def split_inputs(inputs: Floats, mean: Floats, std: Floats) -> tuple[Floats, Floats]:
-    """Split inputs into z-scored, clipped, scaled summary numbers and raw strips.
+    """Return scaled, clipped scores (n, d) and raw strips (n, r, SAMPLES, CHANNELS).
 
     Args:
         inputs: (n, d + r * SAMPLES * CHANNELS).
@@ -123,7 +120,7 @@ def sample_mask(strips: Floats) -> Floats:
 
 
 def _convolve(values: Floats, weights: Floats, dilation: int) -> Floats:
-    """Return the response of dilated filters along samples, as long, without bias.
+    """Return the response of dilated filters over zero-padded samples, without bias.
 
     Args:
         values: (n, s, in), zeros beyond.
@@ -155,7 +152,7 @@ class Prediction:
     per_planner_s_per_m: dict[str, float]
 
     def columns(self) -> dict[str, float]:
-        """Return difficulty, std and planners' times as a dict of columns."""
+        """Return a dict of difficulty_s_per_m, std_s_per_m and each PLANNER_s_per_m."""
         planners = {
             f"{planner}_s_per_m": value
             for planner, value in self.per_planner_s_per_m.items()
@@ -181,10 +178,7 @@ class DifficultyModel:
     about: Mapping[str, Any]
 
     def predict(self, world: World) -> Prediction:
-        """Return a world's predicted times (s/m); WorldError for an arena.
-
-        A path that meets the C-space is a WorldError as well.
-        """
+        """Return a world's predicted times (s/m); WorldError: arena or blocked path."""
         return self.predict_inputs(inputs_of([world]))[0]
 
     def predict_dataset(
@@ -221,7 +215,7 @@ class DifficultyModel:
         ]
 
     def evaluate(self, inputs: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return mean outputs (n, k), difficulty (n,), its std (n,) over networks.
+        """Return outputs (n, k), difficulty (n,), at least 0.1, its std over networks.
 
         Args:
             inputs: (n, d).

@@ -211,7 +211,7 @@ def _search(
 
 
 def route_strip(clearance: ClearanceMap, route: Route) -> Floats:
-    """Return the strip (SAMPLES, CHANNELS) along a route that the model sees.
+    """Return a route's strip (SAMPLES, CHANNELS) for the model, cut or zero-padded.
 
     Args:
         clearance: The map.

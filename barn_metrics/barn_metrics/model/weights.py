@@ -141,7 +141,7 @@ class _NetworkReader:
     """Reads one network of a file and checks that its arrays fit together."""
 
     def __init__(self, path: Path, arrays: Arrays, number: int):
-        """Read the arrays whose names begin with m and the network's number."""
+        """Keep arrays, of which `network` reads those whose names begin mNUMBER_."""
         self._path = path
         self._arrays = arrays
         self._prefix = f"m{number}_"

@@ -60,7 +60,7 @@ class RobotMotion:
     def __init__(
         self, config: SimulatorConfig, scenes: ScenePool, fleet: Fleet, index: int
     ):
-        """Write the settings of body, tires, drive and odometry to the fleet.
+        """Write body, tires, drive and odometry to the fleet; `begin` places the robot.
 
         Args:
             config: The robot.
@@ -169,7 +169,7 @@ class RobotMotion:
         self._past.append((self.stamp_ns, pose.x, pose.y, pose.yaw))
 
     def poses_at(self, stamps_ns: Floats) -> Floats:
-        """Return poses (n, 3: x, y, yaw) of base_link at past times in ns.
+        """Return base_link's poses (n, 3) at past times (ns), from remembered ones.
 
         They are interpolated from those of `remember_pose` and the present one.
         """
@@ -225,7 +225,7 @@ class RobotMotion:
         return left
 
     def _advance_in_contact(self) -> None:
-        """Advance by a tick in PyBullet, and end the contact if nothing is near."""
+        """Advance a tick in PyBullet, begin or end the contact, and note a touch."""
         fleet = self.drive.fleet
         index = self._index
         scene = self._scene

@@ -60,7 +60,7 @@ def advance(fleet: Fleet, index: int, segments: Floats, ticks: int) -> int:
 
 @kernel
 def push_body(fleet: Fleet, index: int) -> tuple[Vector, Vector, Vector, Vector]:
-    """Turn the wheels and return pose, center, force and torque for PyBullet's tick.
+    """Turn wheels and solve friction; return pose, center, force, torque for PyBullet.
 
     Args:
         fleet: Robots with their commands.
@@ -122,7 +122,7 @@ def body_state(robots: Records, index: int) -> BodyState:
 
 @kernel
 def solve_tires(robot: Record, fixed: Record) -> Motion:
-    """Solve the wheels' friction of a tick in place; return the body's motion.
+    """Solve the wheels' friction in place; return the body's motion, do not apply it.
 
     Args:
         robot: Record of the robot.

@@ -144,7 +144,7 @@ class Rhythm:
         self._command_instants_ns = []
 
     def _limit_s(self) -> float:
-        """Return the longest time from the last event to the end of the wait."""
+        """Return how long, in s, the wait lasts after its latest event."""
         if self._is_searching:
             if self._silent_instants < _SILENT_INSTANTS:
                 return _SEARCH_S

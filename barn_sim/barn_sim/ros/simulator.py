@@ -183,7 +183,7 @@ class SimulatorNode(Node):
             is_busy = self._leader is not None and self._leader.is_planner_busy()
 
     def _await_answer(self, trial: SimulatedTrial) -> bool:
-        """Wait for a command or the limit; return whether the trial continues."""
+        """Wait for a command or the limit; return False if paused, stopped or reset."""
         rhythm = self._rhythm
         rhythm.begin_wait(time.monotonic())
         if self._leader is not None:
@@ -268,7 +268,7 @@ class SimulatorNode(Node):
         return f"{world}, seed {config.seed}, {mode}"
 
     def _take(self, velocity: Velocity2D) -> None:
-        """Store a received command for the next step; log the first with NaN or inf."""
+        """Store a command, tell rhythm and evaluator; log the first with NaN or inf."""
         if not velocity.is_finite() and not self.trial.simulator.invalid_commands:
             self.get_logger().error(
                 f"cmd_vel: not a number: {velocity}; the robot stops"

@@ -58,7 +58,7 @@ class CommandInput:
     """What is wrong with the publishers, or an empty text."""
 
     def __init__(self, node: Node, kind: str, take: Callable[[Velocity2D], None]):
-        """Subscribe to cmd_vel.
+        """Subscribe to cmd_vel by `kind`, at first as twist if it is auto.
 
         Args:
             node: Node that subscribes.
@@ -95,7 +95,7 @@ class CommandInput:
         self.check_publishers()
 
     def check_publishers(self) -> None:
-        """Resubscribe if publishers' type or reliability differs; log ignored ones.
+        """Resubscribe if publishers' type or reliability differs; set, log `complaint`.
 
         Publishers of another type are complained of once per trial.
         """
@@ -194,7 +194,7 @@ class Outputs:
 def diagnosis(
     trial: SimulatedTrial, commands: CommandInput, state: str, *, discreet: bool = False
 ) -> OutgoingMessage:
-    """Return the diagnostics message of a trial: level, faults and counts; not sent.
+    """Return a trial's diagnostics, without world and seed if discreet; send nothing.
 
     Args:
         trial: Trial that runs.

@@ -138,7 +138,7 @@ class SimulatedTrial:
 def begin_trial(
     config: RunConfig, node: SimulatorNodeConfig, rhythm: Rhythm, before_ns: int = 0
 ) -> SimulatedTrial:
-    """Load world and robot; return a trial whose clock starts at the next full second.
+    """Load world and robot, begin `rhythm`; return a trial from the next full second.
 
     Args:
         config: World, start pose, seed and robot of the trial.

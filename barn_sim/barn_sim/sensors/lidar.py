@@ -41,7 +41,7 @@ class Lidar:
     """Time (n,) from each beam of a sweep to the last one; 0 if the lidar does not."""
 
     def __init__(self, config: LidarConfig, rng: np.random.Generator):
-        """Set up a lidar.
+        """Set up beams, limits, mask and blackouts, with `rng` for all noise.
 
         Args:
             config: Fan, range limits, mounting and errors of the lidar.

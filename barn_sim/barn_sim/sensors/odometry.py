@@ -132,7 +132,7 @@ def renew_noise(robot: Record, settings: Record, row: Floats) -> None:
 def read_odometry(
     robots: Records, index: int
 ) -> tuple[float, float, float, float, float]:
-    """Return pose, speed and yaw rate of a robot's odometry; changes nothing.
+    """Return x, y, yaw, forward speed and yaw rate of odometry; change nothing.
 
     Args:
         robots: Records (n,) of robots.

@@ -54,7 +54,7 @@ def scan_all(
     used: Integers,
     measured: Singles,
 ) -> None:
-    """Write noisy scans of many robots among upright cylinders to `measured`.
+    """Write scans of robots `indices` to `measured`; count the noise rows in `used`.
 
     Args:
         robots: Records (n,) of `barn_sim.body.state.ROBOT`.
@@ -99,7 +99,7 @@ def cast_beams(
     tilted: Floats,
     shapes: Floats,
 ) -> None:
-    """Lower `ranges` in place to the beams' first hits from one pose of the sensor.
+    """Lower `ranges` in place to first hits from one pose, to 0 within an obstacle.
 
     From within an obstacle, all ranges are 0.
 
@@ -210,7 +210,7 @@ def measure(ranges: Floats, noise: Singles, limits: Limits, measured: Singles) -
 
 @kernel
 def rough_angle(y: float, x: float) -> float:
-    """Return atan2(y, x) in rad to within `ROUGH_RAD`, three times as fast.
+    """Return atan2(y, x) in rad within `ROUGH_RAD`, three times as fast; NaN at (0, 0).
 
     Args:
         y: Second coordinate of a vector other than (0, 0).
@@ -245,7 +245,7 @@ def _cast_circles(
     centers: Floats,
     radius: float,
 ) -> None:
-    """Lower `ranges` in place to first hits on circles; `centers` begin with x, y."""
+    """Lower `ranges` in place to first hits on circles, all to 0 from within one."""
     xs = centers[:, 0].copy()
     ys = centers[:, 1].copy()
     spans = np.empty((_SPAN_ROWS, len(centers)))
@@ -393,7 +393,7 @@ def _cast_moving(
 def _cast_shapes(
     ranges: Floats, directions: Floats, fan: Fan, frame: Frame, shapes: Floats
 ) -> None:
-    """Lower `ranges` in place to first hits on boxes and cylinders (k, 7)."""
+    """Lower `ranges` to hits on shapes (k, 7): boxes, or cylinders if radius is set."""
     for i in range(len(shapes)):
         radius = shapes[i, 2]
         if radius > 0.0:
@@ -459,7 +459,7 @@ def _cast_box(
 def _cast_tilted(
     ranges: Floats, directions: Floats, frame: Frame, cylinders: Floats, radius: float
 ) -> None:
-    """Lower `ranges` in place to first hits on cylinders (k, 7) in any attitude."""
+    """Lower `ranges` in place to hits on tilted cylinders (k, 7), all to 0 in one."""
     x, y, cosine, sine = frame
     for i in range(len(cylinders)):
         center_x, center_y, center_z, ux, uy, uz, half = cylinders[i]

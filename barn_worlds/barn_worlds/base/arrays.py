@@ -22,7 +22,7 @@ AnyArray = npt.NDArray[Any]
 
 
 def side_lengths(points: AnyArray) -> Floats:
-    """Return the distances (n - 1,) between consecutive points (n, 2 or more).
+    """Return distances (n - 1,) between successive points, by their first two columns.
 
     Args:
         points: x and y, or row and column; further columns are ignored.

@@ -73,7 +73,7 @@ class CycleTimer:
     """Delays of all cycles so far, in order."""
 
     def __init__(self, compute: Compute, seed: int, recorded_ns: Sequence[int] = ()):
-        """Create a timer that is free and has had no cycle.
+        """Create a free timer; recorded delays replace those of the first cycles.
 
         Args:
             compute: Declaration of the planner.
@@ -92,7 +92,7 @@ class CycleTimer:
         return now_ns >= self._free_ns
 
     def start_cycle(self, now_ns: int, measured_ns: int | None = None) -> int:
-        """Start a cycle; append its delay in ns to `delays_ns` and return it.
+        """Start a cycle; append its recorded, measured or drawn delay; return it (ns).
 
         Args:
             now_ns: Simulated time of the readings that the planner gets.
@@ -108,7 +108,7 @@ class CycleTimer:
         return delay_ns
 
     def _draw_ns(self) -> int:
-        """Return the declared delay in ns, random if a 95th percentile is declared."""
+        """Return the declared delay in ns, random, at most 10 s, if a p95 is set."""
         median_s = self._compute.delay_s
         p95_s = self._compute.delay_p95_s
         if p95_s <= median_s:

@@ -169,7 +169,7 @@ class Checked:
 
 
 def fields_of(config: Any) -> Iterator[tuple[str, Quantity, Any]]:
-    """Yield dotted name, `Quantity` and value of each declared field, nested ones too.
+    """Yield dotted name, `Quantity`, value of declared fields, nested unless optional.
 
     An `OPTIONAL` nested configuration is set as a whole, so its fields are left out.
     """
@@ -184,15 +184,12 @@ def fields_of(config: Any) -> Iterator[tuple[str, Quantity, Any]]:
 
 
 def as_dict(config: object) -> dict[str, Any]:
-    """Return a configuration as a nested dict by field name, for YAML or JSON.
-
-    Optional fields that have their defaults are left out.
-    """
+    """Return a configuration as a nested dict, without optional fields at defaults."""
     return cast(dict[str, Any], _writer().unstructure(config))
 
 
 def from_dict(cls: type[T], mapping: Mapping[str, Any], where: str) -> T:
-    """Build a configuration from nested plain data, check it and return it.
+    """Return a checked configuration built from nested data; ConfigError names `where`.
 
     Args:
         cls: Dataclass to build, with nested dataclasses in it.
@@ -213,7 +210,7 @@ def from_dict(cls: type[T], mapping: Mapping[str, Any], where: str) -> T:
 
 
 def replace_dotted(config: T, changes: Mapping[str, Any], where: str) -> T:
-    """Return a checked copy of a configuration with new values for dotted names.
+    """Return a checked copy with new values for dotted names; ConfigError if unknown.
 
     Args:
         config: Configuration to start from; it stays as it is.
@@ -285,7 +282,7 @@ def read_selection(worlds: Any, kind: type[Exception]) -> str:
 
 
 def read_presets(package: str, file: str, standard: T) -> dict[str, T]:
-    """Read configurations by preset name from a YAML file in a package's `data`.
+    """Return package data's presets by name, each changing `standard` or its `base`.
 
     Args:
         package: Python package with the file in its folder `data`.
@@ -403,7 +400,7 @@ def _is_tuple(kind: object) -> bool:
 def _read_tuple(
     converter: cattrs.Converter, value: object, kind: Any
 ) -> tuple[Any, ...]:
-    """Return a list or array as tuple type `kind`; TypeError for a wrong length."""
+    """Return a list or array as tuple type `kind`; TypeError for another or length."""
     is_list = isinstance(value, Iterable) and not isinstance(value, (str, Mapping))
     items = list(cast("Iterable[Any]", value)) if is_list else []
     kinds = get_args(kind)

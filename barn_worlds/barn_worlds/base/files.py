@@ -58,7 +58,7 @@ PARTIAL_SUFFIX = ".partial"
 
 
 def read_bytes(path: Path, largest: int = LARGEST_FILE_BYTES) -> bytes:
-    """Return the bytes of a world, map or data set file; WorldError if too large.
+    """Return the bytes of a world file; WorldError if it is unreadable or too large.
 
     Args:
         path: A regular file.
@@ -72,7 +72,7 @@ def read_bytes(path: Path, largest: int = LARGEST_FILE_BYTES) -> bytes:
 
 
 def read_at_most(path: Path, largest: int) -> bytes:
-    """Return the bytes of a regular file; OSError if it holds more than `largest`.
+    """Return a regular file's bytes; OSError if it is none or larger than `largest`.
 
     Args:
         path: A regular file.
@@ -107,7 +107,7 @@ def open_regular(path: Path) -> BinaryIO:
 
 
 def read_maybe_gzipped(path: Path, largest: int = LARGEST_FILE_BYTES) -> bytes:
-    """Return the bytes of a file, unpacked if its content, not its name, is gzip.
+    """Return a file's bytes, unpacked if its content is gzip; WorldError if damaged.
 
     Args:
         path: A regular file.
@@ -142,7 +142,7 @@ def pack_zip(members: Mapping[str, bytes]) -> bytes:
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Write a world, map or data set file atomically; create missing folders.
+    """Write a world file atomically, creating folders; WorldError if that fails.
 
     Args:
         path: File to write; missing folders above it are created.
@@ -158,7 +158,7 @@ def write_bytes(path: Path, content: bytes) -> None:
 
 
 def write_durably(path: Path, content: bytes) -> None:
-    """Write a result file atomically to an existing folder and sync it to the disk.
+    """Write a result file atomically and sync it; StoreError if the folder is missing.
 
     Args:
         path: File to write, in a folder that exists.
@@ -229,7 +229,7 @@ def remove_partial_files(folder: Path) -> None:
 
 @contextmanager
 def create_folder(path: Path) -> Iterator[Path]:
-    """Yield a temporary folder that is renamed to `path` if the block succeeds.
+    """Yield a temporary folder, renamed to `path` on success; WorldError if in use.
 
     Args:
         path: Folder to create. An empty one may exist.
@@ -293,7 +293,7 @@ def as_mapping(content: PlainData) -> dict[str, Any]:
 
 
 def parse_json(text: str | bytes, where: str) -> PlainData:
-    """Return the data in JSON; ConfigError for NaN, huge integers or too many values.
+    """Return the data in JSON; ConfigError if invalid, with NaN, or too many values.
 
     Args:
         text: JSON as text or UTF-8 bytes.
@@ -316,7 +316,7 @@ def parse_json(text: str | bytes, where: str) -> PlainData:
 
 
 def read_lines(path: Path, file: BinaryIO | None = None) -> Iterator[tuple[str, str]]:
-    """Yield place ("rows.jsonl, line 2") and unparsed text of each complete line.
+    """Yield "FILE, line 2" and text of complete lines; ConfigError if one is too long.
 
     A missing file has no lines. A last line without a newline, which a killed writer
     may leave, is skipped.
@@ -352,7 +352,7 @@ def read_lines(path: Path, file: BinaryIO | None = None) -> Iterator[tuple[str, 
 def read_yaml(
     path: Path, schema_version: int, largest: int = LARGEST_YAML_BYTES
 ) -> dict[str, Any]:
-    """Return the mapping in a YAML file, without its checked key schema_version.
+    """Return a YAML file's mapping, schema_version removed; ConfigError if it differs.
 
     Args:
         path: A regular file.

@@ -22,7 +22,7 @@ _MARKS = (b"numba", b"barn_worlds.base.arrays", b"NamedTuple")
 
 
 def prepare(package: Path) -> None:
-    """Remove stale kernels or, beside read-only source, set NUMBA_CACHE_DIR if unset.
+    """Remove stale kernels or, if read-only, set NUMBA_CACHE_DIR; if set, do nothing.
 
     Call this before numba is imported. If the folder is neither beside the source nor
     in the user's cache, a line on stderr names it.

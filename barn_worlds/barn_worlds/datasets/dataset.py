@@ -93,7 +93,7 @@ class Dataset:
         return fit_to_robot(self.load_scaled(world_number, robot), robot, course)
 
     def load_scaled(self, world_number: int, robot: Robot) -> World:
-        """Return a world by number, scaled to a robot if its data set allows it.
+        """Return a world scaled to a robot: a maneuver always, shipped ones if narrow.
 
         Every maneuver has the robot's size. A world of another shipped data set is
         scaled up, with a note, only if it is too narrow for the robot.
@@ -192,7 +192,7 @@ def dataset_files() -> dict[str, Path]:
 
 
 def open_dataset(source: str | Path, robot: Robot = STANDARD_ROBOT) -> Dataset:
-    """Return the data set with a shipped name or at a path; worlds are read later.
+    """Return the shipped data set of a name, else that at a path; read worlds later.
 
     A world has the number in its file's name. If a number is missing or not unique,
     files are numbered from 0 in order of their names.
@@ -312,7 +312,7 @@ _PART = re.compile(r"(\d{1,9})(?:-(\d{1,9})|:(\d{1,9})(?::(\d{1,9}))?)?")
 def select_worlds(
     spec: str | int | Iterable[int], world_numbers: Iterable[int]
 ) -> list[int]:
-    """Return the numbers that a selection ("0-49,60", "all") names, in its order.
+    """Return the numbers that a selection ("0-49,60") names; WorldError if one lacks.
 
     Each number occurs once.
 
@@ -347,7 +347,7 @@ def select_worlds(
 
 
 def _select_part(part: str, numbers: Sequence[int]) -> Iterator[int]:
-    """Yield the existing numbers of one part; WorldError if it names a missing one."""
+    """Yield a part's numbers; WorldError if none exist or gapless ones lack one."""
     if part == "all":
         yield from numbers
         return

@@ -122,7 +122,7 @@ def generate_world(
     *,
     seed: tuple[int, ...] = (),
 ) -> World:
-    """Draw grids from `generator` and return the first that has a path, as a world.
+    """Return the first drawn grid with a path as a world; WorldError after `attempts`.
 
     Args:
         parameters: Cellular automaton, size and footprint.
@@ -225,7 +225,7 @@ def generate_ranked_dataset(
 
 
 def renumber(worlds: Sequence[World], order: WorldOrder) -> dict[int, World]:
-    """Return copies of the worlds, numbered and named from 0 in rising order of score.
+    """Return worlds numbered from 0 by rising score; WorldError for bad scores.
 
     Args:
         worlds: The worlds; their copies are named world_0, world_1 and so on.
