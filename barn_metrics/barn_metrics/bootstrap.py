@@ -29,7 +29,7 @@ class Interval:
     high: float | None = None
 
     def widen_to(self, *values: float) -> "Interval":
-        """Return a copy whose limits contain some values; without limits, itself."""
+        """Return a copy with limits widened to hold values; itself without limits."""
         if self.low is None or self.high is None:
             return self
         return Interval(self.estimate, min(self.low, *values), max(self.high, *values))

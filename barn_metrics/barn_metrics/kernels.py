@@ -178,7 +178,7 @@ def dispersion(
 
 @strict_kernel
 def characteristic_dimension(occupied: BoolGrid, cells: Cells, axes: Floats) -> Floats:
-    """Return for each cell the free length (cells) along its shortest axis, both ways.
+    """Return per cell (n,) the free length (cells) of its shortest axis, both ways.
 
     Args:
         occupied: (rows, cols).

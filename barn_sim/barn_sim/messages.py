@@ -115,7 +115,7 @@ class SimulatorMessages:
         )
 
     def sensors(self, sensors: Sensors, stamp_ns: int) -> Iterator[OutgoingMessage]:
-        """Yield the serialized messages of an instant, clock first and scan last.
+        """Yield an instant's serialized messages: clock first, last the scan if new.
 
         Args:
             sensors: Readings; an older scan is left out.

@@ -69,7 +69,7 @@ def phase_s(world: World, config: SimulatorConfig, start: Pose2D, seed: int) -> 
 def time_until_hit(
     world: World, outline: Footprint, start: Pose2D, phase_s: float, limit_s: float
 ) -> float:
-    """Return when (s) a moving obstacle first touches a robot that does not move.
+    """Return when (s) a moving obstacle first hits a still robot; inf after limit_s.
 
     Args:
         world: World with moving obstacles.

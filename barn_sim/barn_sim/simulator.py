@@ -226,7 +226,7 @@ class Simulator:
         return Odometry(self.stamp_ns, pose.through_quaternion(), velocity)
 
     def read_localization(self, odometry: Pose2D) -> Pose2D:
-        """Return the estimated pose in the map frame; mode particles may take a scan.
+        """Return the pose estimate in the map frame, truth if exact, plus the offset.
 
         Args:
             odometry: Pose in the odom frame at this instant.

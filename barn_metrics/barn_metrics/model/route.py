@@ -244,7 +244,7 @@ def route_strip(clearance: ClearanceMap, route: Route) -> Floats:
 
 
 def mirror_strips(strips: Floats) -> Floats:
-    """Return a copy of strips (..., CHANNELS), left and right of routes swapped."""
+    """Return mirrored strips (..., CHANNELS): sides swapped, headings negated."""
     mirrored: Floats = strips.copy()
     mirrored[..., :HEADING] = strips[..., HEADING - 1 :: -1]
     mirrored[..., HEADING : TURN + 1] *= -1.0

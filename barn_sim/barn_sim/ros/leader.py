@@ -100,7 +100,7 @@ class Leader:
         self._reading_processor_ns = self._processor_time_ns()
 
     def report_answer(self, stamp_ns: int) -> None:
-        """Send the evaluator the stamp of answered readings and the processor time."""
+        """Send the evaluator an answered stamp and the processor time, if known."""
         computed_ns = None
         if self._planner_pids:
             computed_ns = self._processor_time_ns() - self._reading_processor_ns
@@ -128,7 +128,7 @@ class Leader:
         return total_ns
 
     def _listen(self) -> None:
-        """Receive from the line until it ends; queue requests in the executor."""
+        """Receive until the line ends: note planner and heard stamp; queue the rest."""
         while (request := self._line.receive(wait=True)) is not None:
             if isinstance(request, Reading):
                 # An evaluator has no readings to send.

@@ -60,7 +60,7 @@ class Rhythm:
         self._last_command_ns: int | None = None
 
     def begin_trial(self, step_ns: int, wait_s: float) -> None:
-        """Begin a trial; keep the period that earlier trials have shown.
+        """Reset missed commands for a trial; keep the period that earlier ones showed.
 
         Args:
             step_ns: Control period of the trial.
@@ -84,7 +84,7 @@ class Rhythm:
         return bool(self.period_ns and self._is_waiting and not self._commands_s)
 
     def expects(self, now_ns: int, *, has_scan: bool) -> bool:
-        """Tell whether to wait for a command at an instant: by scan or by period."""
+        """Tell whether to wait for a command: by scan, by period, always in search."""
         if self._is_searching:
             return True
         if not self.period_ns:
@@ -122,7 +122,7 @@ class Rhythm:
         return self._event_s + self._limit_s() - now_s
 
     def end_wait(self, now_ns: int) -> None:
-        """End the wait of an instant; without a command, search for a period."""
+        """End an instant's wait; unanswered, count a miss and search for a period."""
         self._is_waiting = False
         is_answered = bool(self._commands_s)
         if self._is_searching:
@@ -177,7 +177,7 @@ class Rhythm:
             self._find(max(intervals_ns))
 
     def _judge_unasked(self, interval_s: float) -> None:
-        """Adopt a period if the second command to a reading, so much later, shows one."""
+        """End a hold; adopt a period if a second command this late shows a timer."""
         typical_s = median(self._recent_intervals_s())
         self._hold_s = 0.0
         # A second command at once comes from the same reading. Where a timer is so fast

@@ -134,7 +134,7 @@ class SimulatorNode(Node):
         self.get_logger().info(self._describe())
 
     def run(self) -> None:
-        """Simulate and publish in this thread until `stopping` is set."""
+        """Simulate and publish until `stopping`; TippedError without an evaluator."""
         while not self.stopping:
             try:
                 if self._config.lockstep:
@@ -149,7 +149,7 @@ class SimulatorNode(Node):
                 self._leader.report_tip(str(error))
 
     def _advance_in_lockstep(self) -> None:
-        """Publish an instant, wait for a command if one is due, advance one period.
+        """Publish an instant, wait for a command if due, advance; if paused, serve.
 
         Without a command in time, it advances all the same and counts a missed one.
         """
@@ -196,7 +196,7 @@ class SimulatorNode(Node):
         return True
 
     def _is_ahead(self) -> bool:
-        """Tell whether the simulator is five periods ahead of its evaluator, if any."""
+        """Tell whether an evaluator lags five periods; set `is_awaited` to that."""
         if self._leader is None:
             return False
         trial = self.trial
@@ -280,7 +280,7 @@ class SimulatorNode(Node):
         rhythm.hear(self.trial.now_ns, time.monotonic())
 
     def _reset(self) -> Answer:
-        """Start a trial with the current parameters and publish its first messages.
+        """Start a trial with current parameters and publish, or keep the old on error.
 
         If its world or robot cannot be read, the old trial stays, and the answer is
         False.
@@ -368,7 +368,7 @@ class SimulatorNode(Node):
 
 
 def _initial_config(node: Node) -> RunConfig:
-    """Return the defaults of all parameters, by the node's parameter `robot`."""
+    """Return the parameters' defaults, for the robot set at start; BarnError if bad."""
     # The robot decides the defaults of other parameters, so it is needed before any
     # is declared, and rclpy has no public way to read it then.
     robot = node._parameter_overrides.get("robot")

@@ -151,7 +151,7 @@ class Outputs:
     def __init__(
         self, node: Node, config: SimulatorNodeConfig, line: PrivateLine | None = None
     ):
-        """Create the publishers.
+        """Create the publishers: of truth if configured, of transforms if installed.
 
         Args:
             node: Node that publishes.
@@ -173,7 +173,7 @@ class Outputs:
             )
 
     def publish(self, messages: Iterable[OutgoingMessage]) -> None:
-        """Publish serialized messages in order; the referee's go over the line, too.
+        """Publish messages in order, the referee's first over the line; drop unknown.
 
         Those of a topic without a publisher are dropped.
         """

@@ -65,7 +65,7 @@ class SimulatedTrial:
         self.last_command = velocity
 
     def readings(self) -> Iterator[OutgoingMessage]:
-        """Sense, note the instant as published, and yield its messages, the scan last.
+        """Sense, set `published` and `awaits_answer`; yield the messages, scan last.
 
         The scan is left out while the planner still computes.
         """
@@ -81,7 +81,7 @@ class SimulatedTrial:
                 yield message
 
     def step(self) -> None:
-        """Advance one control period with the stored answer, if any, and clear it."""
+        """Advance a period with the stored answer, clear it; TippedError if tipped."""
         # The planner's computing time in simulated time, as the protocol charges it.
         delay_ns = 0
         if self.awaits_answer:
@@ -92,7 +92,7 @@ class SimulatedTrial:
         self.published = False
 
     def due_readings(self) -> Iterator[OutgoingMessage]:
-        """Yield the clock and messages of the sensors whose period ends now."""
+        """Set `published`; yield clock and messages of sensors due now, scan last."""
         self.published = True
         simulator = self.simulator
         messages = self.messages

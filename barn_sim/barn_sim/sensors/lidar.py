@@ -109,7 +109,7 @@ class Lidar:
         noise: Singles | None = None,
         sweep: Floats | None = None,
     ) -> Scan:
-        """Take a noisy scan from base_link's pose, or for a sweep from one per beam.
+        """Take a scan from a pose, or one per beam in `sweep`; None draws new noise.
 
         Args:
             stamp_ns: Time of the scan since the start of the trial.

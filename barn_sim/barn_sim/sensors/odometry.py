@@ -73,7 +73,7 @@ class FusedOdometry:
         renew_noise(robot, fleet.settings[0], row)
 
     def supply_noise(self, first: int, last: int) -> None:
-        """Draw noise into the fleet from update `first` to `last`, each once, in order.
+        """Fill the robot's noise from update `first` on, unless `last` is drawn.
 
         Args:
             first: Number of the first update that is still needed.

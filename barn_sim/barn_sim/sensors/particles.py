@@ -213,7 +213,7 @@ class ParticleLocalization:
         return share
 
     def _random_poses(self, count: int) -> Floats:
-        """Return random poses (count, 3) in free map cells: x, y in m, yaw in rad."""
+        """Return random poses (count, 3) in free cells, or in cell 0, 0 if none."""
         origin_x, origin_y, resolution = self._grid
         cells = np.zeros((count, 2), np.int64)
         if len(self._free_cells):

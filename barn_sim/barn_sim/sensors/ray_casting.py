@@ -263,7 +263,7 @@ def _cast_spans(
     radius: float,
     spans: Floats,
 ) -> None:
-    """Lower `ranges` in place to first hits on circles; overwrites `spans` (8, k)."""
+    """Lower `ranges` to first hits on circles, to 0 within one; overwrite `spans`."""
     increment = fan[1]
     last_beam = len(ranges) - 1
     _find_spans(fan, frame, xs, ys, radius, last_beam, spans)

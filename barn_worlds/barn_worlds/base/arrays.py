@@ -74,7 +74,7 @@ class _Kernel:
 
 
 def njit(**options: Any) -> Callable[[_Function], _Function]:
-    """Return a decorator as numba's, which imports numba on the first call only."""
+    """Return a decorator like numba's njit, importing numba on the first call only."""
 
     def decorate(function: _Function) -> _Function:
         return cast(_Function, _Kernel(function, options))

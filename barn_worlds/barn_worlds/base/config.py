@@ -240,7 +240,7 @@ def replace_dotted(config: T, changes: Mapping[str, Any], where: str) -> T:
 
 
 def as_plain(value: Any, depth: int = 3) -> Any:
-    """Return NumPy and pandas values as Python numbers and lists, anything else as is.
+    """Return NumPy and pandas values, nested up to `depth`, as plain, others as is.
 
     Args:
         value: A number, an array, a column, or a list or dict that contains some.
@@ -258,7 +258,7 @@ def as_plain(value: Any, depth: int = 3) -> Any:
 
 
 def read_selection(worlds: Any, kind: type[Exception]) -> str:
-    """Return world numbers, such as 3 or an array [0, 60], as text, "0,60".
+    """Return world numbers (3, [0, 60]) as text ("0,60"), text as is, or raise `kind`.
 
     Args:
         worlds: A text, a whole number, or a list, array, column or range of them.

@@ -66,7 +66,7 @@ class DatasetFile:
         return indices
 
     def world(self, position: int) -> World:
-        """Build the world at a position (not number) in the file; check its checksum.
+        """Build the world at a position (not number); WorldError if it is damaged.
 
         Raises:
             WorldError: If its data are damaged or do not match the checksum.
@@ -164,7 +164,7 @@ class DatasetFile:
 
 
 def read_dataset_file(path: Path) -> DatasetFile:
-    """Read manifest and arrays of a data set's .npz file; worlds are built later.
+    """Read manifest and arrays of a data set's .npz; WorldError unless they match.
 
     Raises:
         BarnError: If the file is damaged or of another version.
@@ -196,7 +196,7 @@ def write_dataset_file(
     worlds: Mapping[int, World],
     extra_entries: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write a data set's .npz file and NAME.manifest.json, a copy of its manifest.
+    """Write a data set's .npz and .manifest.json; WorldError for a world as built.
 
     Args:
         path: File to write.

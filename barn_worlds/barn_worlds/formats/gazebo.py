@@ -82,7 +82,7 @@ class GazeboFile:
         return course
 
     def grid(self) -> tuple[BoolGrid, float]:
-        """Return the grid (rows, cols) of a BARN world and its cell size in m.
+        """Return a BARN world's grid (rows, cols) and cell size (m), or WorldError.
 
         All cylinders must have the same radius, half a cell, and stand at the positions
         of cells in `worlds.cells`. The grid ends with the last row and column that have
@@ -229,7 +229,7 @@ class GazeboFile:
                 yield from _read_collision(collision, pose, scale, where)
 
     def _cell_size(self, radii_m: list[float]) -> float:
-        """Return the cylinders' diameter in m; WorldError if they differ."""
+        """Return the cylinders' diameter (m); WorldError if unequal or extreme."""
         radius_m = radii_m[0]
         for other_m in radii_m:
             if abs(other_m - radius_m) > 1e-6:
@@ -275,7 +275,7 @@ class GazeboFile:
 
 
 def fill_hollow(visible: BoolGrid, free: tuple[int, int] | None = None) -> BoolGrid:
-    """Return a copy of a grid (rows, cols) with the filled cells that files leave out.
+    """Return a copy of a grid with enclosed gaps filled, but for that of cell `free`.
 
     A file leaves out filled cells whose 8 neighbors are all filled. An enclosed gap may
     consist of such cells or be empty: the file looks the same. But if filling a gap

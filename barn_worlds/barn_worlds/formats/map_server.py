@@ -211,7 +211,7 @@ def read_map_file(path: Path) -> MapFile:
 
 
 def read_legs(path: Path) -> dict[str, dict[str, tuple[float, ...]]]:
-    """Read the routes from each waypoint to the next from a file saved in RViz.
+    """Return routes from each waypoint to the next in a file; WorldError below two.
 
     Args:
         path: YAML with `waypoints`, as Nav2's panel saves them.
@@ -254,7 +254,7 @@ def read_route_names(path: Path) -> list[str]:
 
 
 def read_map(path: Path, map_file: MapFile | None = None) -> OccupancyMap:
-    """Read the map of a .yaml file and its image, in any of `MODES`.
+    """Read the map of a .yaml file and its image, flipped so that y rises with rows.
 
     Args:
         path: The .yaml file.
@@ -303,7 +303,7 @@ def filled_cells(grid: OccupancyMap) -> BoolGrid:
 
 
 def select_maps(files: Sequence[Path]) -> list[Path]:
-    """Return the .yaml files that are maps of obstacles; log a note about the others.
+    """Return the trinary maps, else maps of other modes; log a note about the rest.
 
     The others are not maps at all, or are masks: maps in mode scale or raw beside maps
     in mode trinary.

@@ -27,7 +27,7 @@ _LETTERS = b".G@OTSW"
 
 
 def read_grid(path: Path) -> BoolGrid:
-    """Read the grid (rows along x, columns along y) of a .map file, False on ground.
+    """Read a .map file's grid (rows along x), False on ground; WorldError if invalid.
 
     Raises:
         WorldError: If the file cannot be read or is malformed.

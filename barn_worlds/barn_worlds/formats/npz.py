@@ -29,7 +29,7 @@ Shape = Sequence[int | None]
 
 
 def read_npy(path: Path) -> AnyArray:
-    """Read the array of a .npy file of at most 64 MB.
+    """Return the array in a .npy file; WorldError if above 64 MB or not numbers.
 
     Raises:
         WorldError: If the file cannot be read or does not hold numbers.
@@ -38,7 +38,7 @@ def read_npy(path: Path) -> AnyArray:
 
 
 def parse_npy(content: bytes, where: str) -> AnyArray:
-    """Return the array of numbers in the bytes of a .npy file; pickles are refused.
+    """Return the array of numbers in .npy bytes; WorldError for anything else.
 
     Args:
         content: Bytes of the file.
@@ -118,7 +118,7 @@ class NpzFormat:
         return text
 
     def read(self, path: Path) -> tuple[dict[str, Any], Arrays]:
-        """Read header and arrays by name of a .npz file; check its version.
+        """Read header and arrays by name of a .npz; WorldError for another schema.
 
         Raises:
             BarnError: If the file is damaged or of another version.

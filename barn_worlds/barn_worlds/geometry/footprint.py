@@ -47,7 +47,7 @@ class Footprint:
         }
 
     def distances(self, x: Floats, y: Floats) -> Floats:
-        """Return signed distances in m of points in base_link from the outline.
+        """Return signed distances in m of points from the outline, negative inside.
 
         Args:
             x: Positions ahead of base_link.
@@ -100,9 +100,7 @@ class Footprint:
         return self._times(shapes, motions, x, y, yaw, speed, *self._outline)
 
     def nearest(self, x: float, y: float) -> Floats:
-        """Return x, y (2,) in base_link of the footprint's point nearest to a point.
-
-        A point inside is its own nearest point.
+        """Return the footprint's point (2,) nearest to a point, itself if inside.
 
         Args:
             x: Position ahead of base_link.
@@ -142,9 +140,7 @@ class Rectangle(Footprint):
         self._outline = (self.extent_m,)
 
     def distances(self, x: Floats, y: Floats) -> Floats:
-        """Return signed distances in m of points in base_link from the outline.
-
-        See `Footprint`.
+        """Return signed distances in m of points from the outline, negative inside.
 
         Args:
             x: Positions ahead of base_link.
@@ -162,7 +158,7 @@ class Rectangle(Footprint):
         return distances
 
     def nearest(self, x: float, y: float) -> Floats:
-        """Return x, y (2,) in base_link of the rectangle's point nearest to a point.
+        """Return the rectangle's point (2,) nearest to a point, itself if inside.
 
         Args:
             x: Position ahead of base_link.

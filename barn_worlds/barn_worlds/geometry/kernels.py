@@ -188,7 +188,7 @@ def times_to_rectangle(
     speed: float,
     extent: Floats,
 ) -> Floats:
-    """Return when (n,) in s a moving rectangle meets shapes, inf for never.
+    """Return when (n,) in s a moving rectangle meets shapes' discs, 0 if now, or inf.
 
     Args:
         shapes: (n, 7); a box counts as the disc around it.
@@ -246,7 +246,7 @@ def _disc_entry_time(x: float, y: float, vx: float, vy: float, radius: float) ->
 def entry_time(
     px: float, py: float, vx: float, vy: float, half_x: float, half_y: float
 ) -> float:
-    """Return when a moving point enters a rectangle about the origin, inf for never.
+    """Return when a moving point enters a rectangle about the origin, 0 inside, or inf.
 
     Args:
         px: Position of the point.
@@ -397,7 +397,7 @@ def times_to_polygon(
     corners: Floats,
     radius: float,
 ) -> Floats:
-    """Return when (n,) in s a moving polygon or disc meets shapes, inf for never.
+    """Return when (n,) in s a moving outline meets shapes' discs, 0 if now, or inf.
 
     Args:
         shapes: (n, 7); a box counts as the disc around it.

@@ -39,7 +39,7 @@ class Transform:
 
 
 def rotation_matrix(roll: float, pitch: float, yaw: float) -> Floats:
-    """Return the matrix (3, 3) of rotations about fixed axes.
+    """Return the matrix (3, 3) of roll, pitch, then yaw (rad) about fixed axes.
 
     Args:
         roll: First rotation, about x, in radians.

@@ -199,7 +199,7 @@ def scan(data: bytes) -> Scan:
 
 
 def occupancy_map(data: bytes) -> OccupancyMap:
-    """Return the map, with its cells copied, of serialized nav_msgs/OccupancyGrid.
+    """Return the map, cells copied, of an OccupancyGrid; MessageError if rotated.
 
     Raises:
         MessageError: Also if the map is rotated or its number of cells is wrong.
@@ -270,7 +270,7 @@ def diagnostics(data: bytes) -> list[dict[str, str]]:
 
 
 def decode_message(data: bytes, type_name: str) -> Message:
-    """Return serialized bytes of any type as a rosbags message object.
+    """Return bytes of any type as a rosbags message object; MessageError if malformed.
 
     Args:
         data: Serialized message.

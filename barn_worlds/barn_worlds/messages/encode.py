@@ -273,7 +273,7 @@ class PathEncoder:
         self._row_stamp = slots["poses.1.header.stamp.sec"].offset - first
 
     def encode(self, points: Floats, stamp_ns: int) -> bytes:
-        """Return the serialized path; poses without a yaw are not rotated.
+        """Return the serialized path; points (n, 2) are not rotated, (n, 3) have yaw.
 
         Args:
             points: Positions (n, 2) in meters, or (n, 3) with yaw in radians.

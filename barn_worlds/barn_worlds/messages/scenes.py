@@ -156,7 +156,7 @@ def encode_moving(world: World, time_s: float, stamp_ns: int) -> bytes:
 
 
 def decode_moving(data: bytes) -> tuple[Bodies, Bodies]:
-    """Return the moving obstacles, in order, and walls that `encode_moving` wrote.
+    """Return moving obstacles, in order, and walls as encoded, else MessageError.
 
     Raises:
         MessageError: If the message holds anything else.
@@ -189,7 +189,7 @@ def encode_moving_poses(world: World, time_s: float, stamp_ns: int) -> bytes:
 
 
 def decode_moving_poses(data: bytes) -> Points:
-    """Return the positions (n, 2) in m that `encode_moving_poses` wrote.
+    """Return positions (n, 2) in m of a PoseArray; MessageError unless in map frame.
 
     Raises:
         MessageError: If the message holds anything else.
@@ -208,7 +208,7 @@ def decode_moving_poses(data: bytes) -> Points:
 
 
 def trail_segments(world: World, time_s: float) -> Points:
-    """Return x, y (2 n, 2) in m of the obstacles' segments in the last `TRAIL_S`.
+    """Return segment ends (2 n, 2) in m of obstacles' last `TRAIL_S`, without jumps.
 
     Args:
         world: World with moving obstacles.

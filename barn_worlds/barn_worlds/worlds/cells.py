@@ -36,7 +36,7 @@ _SMALLEST_MAP_CELL_M = 0.005
 
 
 def lead_in_cells(resolution_m: float) -> int:
-    """Return the number of columns before column 0, including the back wall's."""
+    """Return the number of columns before column 0, at least 18, with the back wall."""
     # The tolerance keeps 5.1 / 0.15, which is slightly above 34, at 34 cells.
     cells = math.ceil(LEAD_IN_M / resolution_m - 1e-9)
     return max(cells, _FEWEST_LEAD_IN_CELLS)
@@ -119,7 +119,7 @@ def world_map(
     historical: bool = False,
     corner_m: tuple[float, float] | None = None,
 ) -> OccupancyMap:
-    """Return the occupancy map, in the map frame, of a grid with its containment.
+    """Return the occupancy map of a grid with its containment, without in an arena.
 
     No cell is unknown. Straight walls and what moves are not in it.
 

@@ -36,7 +36,7 @@ _AHEAD_M = 1.0
 
 
 def parse_course(numbers: Sequence[float], where: str) -> Course:
-    """Return start and goal poses (m, rad, map frame) from 5 or 6 finite numbers.
+    """Return start and goal poses (m, rad) from 5 or 6 numbers; WorldError for others.
 
     Args:
         numbers: x, y and yaw of the start, x, y and perhaps yaw of the goal. Without a
@@ -67,7 +67,7 @@ def build_world(
     provenance: Provenance,
     course: Course | None = None,
 ) -> World:
-    """Return a world without containment, with a path planned from start to goal.
+    """Return a world without containment, its path planned; ends are chosen if None.
 
     Args:
         name: Name of the world.
@@ -99,7 +99,7 @@ def build_world(
 
 
 def fit_to_robot(world: World, robot: Robot, course: Sequence[float] = ()) -> World:
-    """Return a world whose path, and chosen start and goal, fit a robot's footprint.
+    """Return a world with a path for a robot; itself if it has no ends and no course.
 
     A world without start and goal stays as it is: its protocol says where to start.
     Given ends are kept, and chosen ones chosen anew for a robot of another size.
@@ -155,7 +155,7 @@ def scale_to_robot(world: World, robot: Robot) -> World:
 
 
 def plan_course(world: World, robot: Robot, course: Course | None = None) -> World:
-    """Return a copy of a world with start, goal and a newly planned path between them.
+    """Return a copy with start, goal and path for a robot; ends are chosen if None.
 
     Args:
         world: The world; its own path is replaced.
@@ -188,7 +188,7 @@ def plan_course(world: World, robot: Robot, course: Course | None = None) -> Wor
 
 
 def draw_routes(world: World, robot: Robot, count: int, seed: int = 0) -> list[World]:
-    """Return copies of a world, each with a route of its own for a robot.
+    """Return copies of a world with a route each; WorldError if fewer than `count`.
 
     Routes are long, lead round corners and past narrow places where the map has some,
     and spread over it.
@@ -297,9 +297,7 @@ def _choose_paths(
     count: int,
     seed: int,
 ) -> list[Cells]:
-    """Return path cells (n, 2) of `count` routes in the largest free region.
-
-    Raises WorldError if there are not as many.
+    """Return path cells of `count` routes in the largest free region, else WorldError.
 
     The ends have space to all sides and an obstacle in sight of the lidar, if there are
     such places. The same map and seed give the same routes.

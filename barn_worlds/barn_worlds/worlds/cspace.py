@@ -11,7 +11,7 @@ _COLUMN_STEPS = np.array([0, -1, 1, 0, -1, 1, -1, 1])
 
 
 def configuration_space(grid: BoolGrid, footprint_cells: int) -> BoolGrid:
-    """Return the C-space (rows, cols), True where the robot's center may not be.
+    """Return the C-space, True where the footprint hits; WorldError for an even side.
 
     There a square footprint around the center of the cell covers a filled cell.
 
@@ -81,7 +81,7 @@ def through_region(cspace: BoolGrid) -> BoolGrid | None:
 
 
 def label_regions(free: BoolGrid, neighbors: int = 4) -> tuple[Integers, Integers]:
-    """Return the region label of each cell (rows, cols), and cell counts by label.
+    """Return regions' labels (rows, cols), 0 if not free, and cell counts by label.
 
     Args:
         free: (rows, cols), True where free.

@@ -33,7 +33,7 @@ def draw_ends(
     count: int,
     seed: int,
 ) -> Iterator[tuple[Cells, Cells]]:
-    """Yield first and last cell (2,) of routes, the best first.
+    """Yield first and last cell (2,) of routes, best first, none if no cell is open.
 
     The ends are places spread over the region. Each pair of places has the length of
     the shortest path between them, how much longer it is than the straight line, and
@@ -115,7 +115,7 @@ def _pool(mask: BoolGrid, block_cells: int) -> BoolGrid:
 
 @strict_kernel
 def _measure_paths(free: BoolGrid, narrow: BoolGrid, row: int, column: int) -> Floats:
-    """Return lengths of the shortest paths from a block, and of their narrow parts.
+    """Return path lengths from a block, and of narrow parts, (2, rows, cols); or inf.
 
     Args:
         free: (rows, cols), blocks that paths lead over, to any of the 8 neighbors.

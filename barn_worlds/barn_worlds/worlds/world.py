@@ -200,7 +200,7 @@ class World:
         return -width_m, 0.0, 0.0, columns * self.resolution_m
 
     def path_m(self, historical: bool = False) -> Points:
-        """Return x, y (n, 2) in m, map frame, of the centers of the path's cells.
+        """Return path cells' centers x, y (n, 2) in m; historical ones are shifted.
 
         Args:
             historical: Convert cells as the original tools do, which also placed the
