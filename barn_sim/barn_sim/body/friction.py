@@ -89,7 +89,7 @@ def begin_friction(
 def sweep_friction(
     motion: Motion, rims: Rims, wheels: Records, inverse_mass: float, sweeps: int
 ) -> Motion:
-    """Iterate the wheels' friction impulses in place; return the resulting motion.
+    """Iterate friction impulses in place, at most `sweeps` times; return the motion.
 
     Args:
         motion: Velocity and spin with the effect of the impulses so far.

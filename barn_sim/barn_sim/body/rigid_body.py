@@ -166,7 +166,7 @@ class Tires:
     """Springs and dampers under the wheels and casters of a robot."""
 
     def __init__(self, model: RobotModel, config: PhysicsConfig):
-        """Choose springs with the configured deflection under the robot's weight.
+        """Choose springs by the configured deflection; ConfigError if unstable.
 
         Args:
             model: The robot.

@@ -34,7 +34,7 @@ bullet = _import_silently()
 
 
 def connect(*, renders: bool = False) -> int:
-    """Start a physics client without a window and return PyBullet's number of it.
+    """Start a physics client, return its number; RuntimeError without room.
 
     Args:
         renders: Whether it can draw. Without, a body is ready in a tenth of the time,

@@ -195,7 +195,7 @@ def follow_cylinders(
     pushed: Bools,
     displaced: Bools,
 ) -> None:
-    """Write Bullet's states of some cylinders to the arrays of all, and flags.
+    """Write Bullet's states of cylinders to all arrays; set `pushed` and `displaced`.
 
     Args:
         indices: Rows (k,) of the cylinders.

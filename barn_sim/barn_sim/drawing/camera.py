@@ -137,7 +137,7 @@ class Studio(AbstractContextManager["Studio"]):
         moving: Bodies | None = None,
         chassis: Chassis = STANDARD_ROBOT.chassis,
     ):
-        """Build the scene.
+        """Start a renderer and build the scene with robot, trail and movers in it.
 
         Args:
             scene: Cylinders, boxes, start and goal.
@@ -256,7 +256,7 @@ class Studio(AbstractContextManager["Studio"]):
             self._add_mesh(pillars(group, scene.radius_m, scene.height_m), color)
 
     def _add_trail(self, points_m: Floats) -> list[tuple[int, int, Vector3, float]]:
-        """Add pieces of the robot's trail, hidden below the ground until driven.
+        """Add trail pieces, hidden; return point, body, center (m) and yaw of each.
 
         Returns:
             Of each piece the point that ends it, its body, its center and its yaw.

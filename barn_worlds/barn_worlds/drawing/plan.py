@@ -72,7 +72,7 @@ class CoursePlan:
             )
 
     def pdf(self) -> bytes:
-        """Return all pages as PDF, the same bytes every time.
+        """Return all pages as PDF, the same bytes every time; ConfigError if too many.
 
         Raises:
             ConfigError: If the scale needs too many tiles.
@@ -159,7 +159,7 @@ class CoursePlan:
             yield figure
 
     def _extent(self) -> tuple[Floats, Floats]:
-        """Return lower left and upper right corner (2,) in m of all that is built."""
+        """Return corners (2,) in m of all that is built, with a margin of 0.2 m."""
         goal_m = np.array([(self.goal.x, self.goal.y)])
         start_m = self.start.transform(self.outline_m)
         radius_m = self.goal_distance_m

@@ -191,7 +191,7 @@ def scale_speeds(axes: Axes, trails: Sequence[LineCollection]) -> None:
 
 
 def motion_paths(tracks: Tracks, times_s: Floats) -> list[Points]:
-    """Return the obstacles' motions as pieces x, y (k, 2) in m, split at jumps.
+    """Return motions as pieces x, y (k, 2) in m, split at jumps; none below two times.
 
     Args:
         tracks: The motions.

@@ -104,7 +104,7 @@ def routes_figure(worlds: Mapping[int, World]) -> Figure:
 
 
 def write_animation(world: World, path: Path) -> None:
-    """Write a GIF of the first 15 s of a world's moving obstacles, atomically.
+    """Write a GIF of a world's first 15 s of motion; WorldError if nothing moves.
 
     Args:
         world: World with moving obstacles.
@@ -121,7 +121,7 @@ def write_animation(world: World, path: Path) -> None:
 
 
 def sheet_figure(worlds: Mapping[int, World]) -> Figure:
-    """Return one figure with a numbered tile per world, without containment.
+    """Return a figure with a tile per world; WorldError for none, too many, too large.
 
     Raises:
         WorldError: If there are no worlds, or too many or too large ones.

@@ -161,7 +161,7 @@ class GazeboFile:
 
     @cached_property
     def cylinders(self) -> tuple[Points, list[float]]:
-        """Centers (n, 2) and n radii in m of upright cylinders; WorldError if none."""
+        """Centers (n, 2) and radii (m) of cylinders; saved states win over <pose>."""
         cylinders: list[tuple[float, float, float]] = []
         try:
             for model, scale in self._world.models():

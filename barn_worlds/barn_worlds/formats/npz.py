@@ -145,7 +145,7 @@ class NpzFormat:
     def array(
         self, arrays: Arrays, name: str, path: Path, shape: Shape, kind: str
     ) -> AnyArray:
-        """Return one of a file's arrays by name; check its shape and type of numbers.
+        """Return a file's array by name; WorldError if shape, type or values are wrong.
 
         Args:
             arrays: The arrays that `read` returned.

@@ -88,7 +88,7 @@ def read_world(folder: Path, index: int, robot: Robot) -> World:
 def write_original(
     folder: Path, worlds: Mapping[int, World], metrics: Mapping[int, Floats]
 ) -> None:
-    """Create a folder in the original layout with worlds and metrics, atomically.
+    """Create a folder in the original layout, atomically; WorldError if it has files.
 
     Args:
         folder: Folder to create.

@@ -56,7 +56,7 @@ def write_sdf(
 
 
 def sdf_text(world: World, flavor: str = "classic", *, movable: bool = False) -> str:
-    """Return a world as SDF text, with its cylinders on the ground plane.
+    """Return a world as SDF text, on a ground plane; WorldError for an unknown flavor.
 
     Args:
         world: World to write.

@@ -60,7 +60,7 @@ class Scope:
             yield self._model(element)
 
     def locate(self, element: Element, base: Transform | None = None) -> Transform:
-        """Return an element's pose in the world: saved in <state>, else by its <pose>.
+        """Return an element's pose in the world; a saved state wins over <pose>.
 
         Args:
             element: A link, frame, joint or model, or a collision of a link.
@@ -86,7 +86,7 @@ class Scope:
         return (base or self.pose) @ read_pose(pose, where)
 
     def frame(self, name: str) -> Transform:
-        """Return the pose in the world of a name in this scope; computed once."""
+        """Return a name's pose in the world, cached; WorldError if none or circular."""
         if name not in self._frames:
             self._frames[name] = None
             try:
@@ -176,7 +176,7 @@ def read_pose(pose: Element | None, where: str) -> Transform:
 
 
 def read_numbers(text: str | None, count: int, where: str) -> list[float]:
-    """Return `count` finite numbers from text; WorldError for anything else.
+    """Return `count` numbers within 1e6 from text; WorldError for anything else.
 
     Args:
         text: Numbers separated by blanks.

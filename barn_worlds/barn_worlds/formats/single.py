@@ -46,14 +46,14 @@ def require_ending(path: Path) -> str:
 
 
 def number_in(path: Path) -> int | None:
-    """Return the last number of up to 9 digits in a file name, its world's, or None."""
+    """Return the last number in a file name, None if absent or above 9 digits."""
     # Longer numbers are dates and the like.
     numbers = re.findall(r"\d+", path.name[: -len(ending(path))])
     return int(numbers[-1]) if numbers and len(numbers[-1]) <= 9 else None
 
 
 def read_world(path: Path, robot: Robot, route: str = "") -> World:
-    """Read the world in a file with any of `ENDINGS`; plan its path if it has none.
+    """Read the world in a file, with its own path, that in path_N.npy or a planned one.
 
     The path comes from path_N.npy in the same folder or in its sibling path_files,
     where N is the number in the name of the file. Otherwise it is planned for a robot.
@@ -102,7 +102,7 @@ def build_grid_world(
     path: Path,
     path_file: Path | None,
 ) -> World:
-    """Build a BARN world from its grid; read its path from a file or plan it.
+    """Build a BARN world from a grid; plan its path if `path_file` is None.
 
     Args:
         name: Name of the world.

@@ -116,7 +116,7 @@ class WorldFile(Checked):
 
 
 def read_world_yaml(path: Path) -> World:
-    """Read the world in a .world.yaml file.
+    """Read the world in a .world.yaml file; ConfigError or WorldError if invalid.
 
     Raises:
         BarnError: If the file cannot be read or does not hold a world.

@@ -49,7 +49,7 @@ def find_robot_files() -> dict[str, Path]:
 
 
 def load_robot(robot: str | Path) -> Robot:
-    """Return the robot with a shipped name, or the one in a .yaml file.
+    """Return the robot with a shipped name, or that in a .yaml; ConfigError if none.
 
     Raises:
         ConfigError: If there is no such robot or the file does not describe one.
@@ -77,7 +77,7 @@ def robot_yaml(robot: Robot) -> str:
 
 
 def _read_robot(path: Path) -> Robot:
-    """Return the robot in a YAML file, its chassis completed from a URDF if named."""
+    """Return the robot in a YAML file; a URDF it names fills in chassis keys."""
     content = read_yaml(path, SCHEMA_VERSION)
     name = content.pop("name", None)
     if not isinstance(name, str) or not name:

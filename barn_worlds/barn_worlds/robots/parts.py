@@ -112,7 +112,7 @@ class LidarConfig(Checked):
     )
 
     def __post_init__(self) -> None:
-        """Raise ConfigError unless angle and range have maxima above minima."""
+        """Raise ConfigError unless angle, range and mask end above their beginnings."""
         super().__post_init__()
         self.require(
             self.angle_max_rad > self.angle_min_rad,

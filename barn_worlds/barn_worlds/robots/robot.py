@@ -139,7 +139,7 @@ class Chassis(Checked):
 
     @property
     def body_extent_m(self) -> Extent:
-        """x_min, y_min, x_max, y_max in m of the body's box, without wheels."""
+        """x_min, y_min, x_max, y_max in m of the body's box, else of the footprint."""
         if not any(self.body_m):
             return self.extent_m
         length, width = self.body_m

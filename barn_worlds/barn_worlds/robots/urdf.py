@@ -51,7 +51,7 @@ class Link:
 
 
 def read_chassis(path: Path) -> tuple[dict[str, Any], str]:
-    """Return the fields of `Chassis` that a URDF file gives: mass, inertia, wheels.
+    """Return `Chassis` fields that a URDF gives and what it lacks; ConfigError if bad.
 
     Wheels are the links with "wheel", "tire" or "tyre" but not "caster" or "swivel" in
     their names that a continuous joint turns. Their sizes are those of their collision
@@ -82,7 +82,7 @@ def read_chassis(path: Path) -> tuple[dict[str, Any], str]:
 
 
 def _run_xacro(path: Path) -> bytes:
-    """Return the URDF that xacro makes of a file, in a process with limits.
+    """Return the URDF that xacro makes of a file, limited; ValueError if it fails.
 
     Raises:
         ValueError: If xacro is not installed, fails or exceeds its limits.
@@ -135,7 +135,7 @@ def _read_links(root: Element) -> dict[str, Link]:
 
 
 def _pose_in_root(name: str, joints: dict[str, tuple[str, Element]]) -> Transform:
-    """Return the pose of a link in the root of the tree.
+    """Return a link's pose in the root of the tree; ValueError if joints make a ring.
 
     Args:
         name: Name of the link.

@@ -20,7 +20,7 @@ _PORTS_PER_DOMAIN = 250
 
 @contextmanager
 def reserve_domain(environment: Mapping[str, str]) -> Iterator[int]:
-    """Reserve the ROS domain in ROS_DOMAIN_ID, or a free one, while the block runs.
+    """Reserve ROS_DOMAIN_ID's domain, or a free one, for a block; ConfigError if taken.
 
     Args:
         environment: Environment variables.

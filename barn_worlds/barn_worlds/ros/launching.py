@@ -128,7 +128,7 @@ class NodeLaunch:
         return [node]
 
     def _end(self, event: ProcessExited, context: LaunchContext) -> Shutdown | None:
-        """Return the shutdown of the whole launch, as its node has ended.
+        """Return the launch's shutdown; RuntimeError if the node failed by itself.
 
         Raises:
             RuntimeError: The node has failed. launch ends all the same, and only an

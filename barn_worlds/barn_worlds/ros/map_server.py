@@ -50,7 +50,7 @@ class MapServer(Node):
     """The node; raises BarnError if its parameters do not name a world."""
 
     def __init__(self, **options: Any):
-        """Declare parameters, publish the world once and offer ~/reload."""
+        """Declare parameters, publish the world, offer ~/reload; BarnError if none."""
         super().__init__("map_server", **options)
         self._map_publisher = create_publisher(self, MAP)
         self._path_publisher = create_publisher(self, WORLD_PATH)

@@ -82,7 +82,7 @@ def refuse_invalid_changes(node: Node, config: object) -> None:
 
 
 def read_parameters(node: Node, config: T) -> T:
-    """Return a checked copy of a configuration with a node's present parameter values.
+    """Return a checked copy with a node's present values; ConfigError if not allowed.
 
     Args:
         node: Node with the parameters.

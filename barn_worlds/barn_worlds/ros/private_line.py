@@ -75,7 +75,7 @@ class PrivateLine:
         self._send(json.dumps(content).encode())
 
     def receive(self, *, wait: bool = False) -> Reading | dict[str, Any] | None:
-        """Take the next packet off the line: a reading, a JSON object or None.
+        """Take the next packet; None if the line ended or, without `wait`, is empty.
 
         Args:
             wait: Wait for a packet; then None means that the other end is gone.

@@ -270,7 +270,7 @@ class World:
         return occupancy_map
 
     def resize(self, scale: float) -> "World":
-        """Return a copy of an arena without walls, all lengths times `scale`."""
+        """Return an arena with cells, corner and ends scaled; not walls or movers."""
         poses = [
             pose and Pose2D(scale * pose.x, scale * pose.y, pose.yaw)
             for pose in (self.start, self.goal)
@@ -315,7 +315,7 @@ class World:
 
 
 def validate_grid(grid: object, where: str) -> BoolGrid:
-    """Return a read-only copy as bools of a 2D array of bools or of zeros and ones.
+    """Return a read-only copy as bools of a 2D grid; WorldError unless of 0 and 1.
 
     Args:
         grid: What should be a grid.
@@ -345,7 +345,7 @@ def validate_grid(grid: object, where: str) -> BoolGrid:
 
 
 def validate_path(path: object, grid: BoolGrid, where: str) -> Cells:
-    """Return a read-only copy as int64 of a path (n, 2) of free, adjoining cells.
+    """Return a read-only copy of a path (n, 2); WorldError unless free, adjoining.
 
     Args:
         path: What should be an array (n, 2) of rows and columns.
