@@ -49,7 +49,7 @@ EIGHT_AXES: Floats = np.array(
 def free_cells(
     occupied: BoolGrid, row: int, column: int, row_step: float, column_step: float
 ) -> tuple[int, bool]:
-    """Return a ray's free cells, start excluded, and if an obstacle, no edge, ends it.
+    """Count a ray's free cells, start excluded; True if an obstacle, no edge, ends it.
 
     Args:
         occupied: (rows, cols).

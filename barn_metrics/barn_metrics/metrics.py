@@ -168,10 +168,7 @@ def closest_obstacle(cspace: BoolGrid) -> Floats:
 
 
 def tortuosity(path: Cells) -> float:
-    """Return a path's arc length over chord, at least 1; inf if it ends at its start.
-
-    It is 1 if the path stays in one cell.
-    """
+    """Return a path's arc over chord (>= 1): 1 if it stays in a cell, inf for a loop."""
     arc = float(side_lengths(path).sum())
     row_chord, column_chord = (path[-1] - path[0]).tolist()
     chord = math.hypot(row_chord, column_chord)

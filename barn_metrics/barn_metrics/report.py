@@ -84,7 +84,7 @@ class MetricsTable:
         return ["Metric", *_SUMMARY_HEADINGS.values()], lines
 
     def summary_of(self, metric: metrics.Metric) -> dict[str, float]:
-        """Return min, max, mean, population std over worlds, and extremes over cells.
+        """Return min, max, mean, population std over worlds; extremes of cells, if any.
 
         Metrics of cells have extremes over cells as well.
         """

@@ -139,9 +139,9 @@ class Batch:
             self._disturbed.add(index)
 
     def advance(self, indices: Integers, commands: Floats) -> None:
-        """Advance rows by a control period with `commands` (n, 2) of all rows.
+        """Advance rows a control period by `commands` (all rows, 2); set collisions.
 
-        This sets `readings.collisions`. The other readings change only in `read`.
+        The other readings change only in `read`.
 
         Args:
             indices: Rows of the simulators that advance.

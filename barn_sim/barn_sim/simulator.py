@@ -134,10 +134,7 @@ class Simulator:
         return self.motion.stamp_ns
 
     def sense(self) -> Sensors:
-        """Return all readings of this instant; repeated calls return the same object.
-
-        If the lidar is slower than the control steps, the scan is the last one.
-        """
+        """Return this instant's readings, cached, with the last scan if none is due."""
         last = self._sensors
         if last is not None and last.stamp_ns == self.stamp_ns:
             return last

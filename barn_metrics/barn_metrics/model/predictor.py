@@ -178,7 +178,7 @@ class DifficultyModel:
     about: Mapping[str, Any]
 
     def predict(self, world: World) -> Prediction:
-        """Return a world's predicted times (s/m); WorldError: arena or blocked path."""
+        """Return a world's times (s/m); WorldError for an arena or a blocked path."""
         return self.predict_inputs(inputs_of([world]))[0]
 
     def predict_dataset(

@@ -54,7 +54,7 @@ class DriveController:
         settings["lag_share"] = lag_share
 
     def command(self, velocity: Velocity2D, now_ns: int) -> None:
-        """Queue a command for `now_ns` plus latency; replace a full fleet by a larger.
+        """Queue a command for `now_ns` plus latency; replace `fleet` if it is full.
 
         Args:
             velocity: Finite speed and yaw rate.

@@ -213,7 +213,7 @@ class Obstacles:
         return body
 
     def follow(self, scene: ContactScene, robot: Pose2D) -> None:
-        """Copy the bodies' states after a tick; every tenth time, remove some at rest.
+        """Copy movable bodies' states, clear `undisturbed`; at times remove idle ones.
 
         Args:
             scene: Scene of the contact.

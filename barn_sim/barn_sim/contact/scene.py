@@ -245,9 +245,7 @@ class ScenePool:
         self._idle: list[ContactScene] = []
 
     def acquire(self, model: RobotModel, config: PhysicsConfig) -> ContactScene:
-        """Return an idle scene of this robot and physics, else a new one.
-
-        If none fits, an idle scene of another robot is closed.
+        """Return a fitting idle scene, else close the oldest idle one and create one.
 
         Args:
             model: The robot in it.

@@ -149,7 +149,7 @@ class SimulatorNode(Node):
                 self._leader.report_tip(str(error))
 
     def _advance_in_lockstep(self) -> None:
-        """Publish an instant, wait for a command if due, advance; if paused, serve.
+        """Publish an instant, await any command due, advance; if paused, only serve.
 
         Without a command in time, it advances all the same and counts a missed one.
         """
@@ -196,7 +196,7 @@ class SimulatorNode(Node):
         return True
 
     def _is_ahead(self) -> bool:
-        """Tell whether an evaluator lags five periods; set `is_awaited` to that."""
+        """Tell whether an evaluator is five periods behind; set `is_awaited` to it."""
         if self._leader is None:
             return False
         trial = self.trial

@@ -173,7 +173,7 @@ class Outputs:
             )
 
     def publish(self, messages: Iterable[OutgoingMessage]) -> None:
-        """Publish messages in order, the referee's first over the line; drop unknown.
+        """Publish messages, the referee's first over the line; drop unknown topics.
 
         Those of a topic without a publisher are dropped.
         """

@@ -101,8 +101,6 @@ def cast_beams(
 ) -> None:
     """Lower `ranges` in place to first hits from one pose, to 0 within an obstacle.
 
-    From within an obstacle, all ranges are 0.
-
     Args:
         ranges: Distances (n,) along the beams, m.
         directions: Unit vectors (n, 2) in the sensor frame.

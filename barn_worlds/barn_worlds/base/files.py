@@ -158,7 +158,7 @@ def write_bytes(path: Path, content: bytes) -> None:
 
 
 def write_durably(path: Path, content: bytes) -> None:
-    """Write a result file atomically and sync it; StoreError if the folder is missing.
+    """Write a file atomically to an existing folder, sync it; StoreError if that fails.
 
     Args:
         path: File to write, in a folder that exists.
@@ -229,7 +229,7 @@ def remove_partial_files(folder: Path) -> None:
 
 @contextmanager
 def create_folder(path: Path) -> Iterator[Path]:
-    """Yield a temporary folder, renamed to `path` on success; WorldError if in use.
+    """Yield a folder that becomes `path` on success; WorldError if that has content.
 
     Args:
         path: Folder to create. An empty one may exist.

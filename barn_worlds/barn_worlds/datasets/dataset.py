@@ -93,7 +93,7 @@ class Dataset:
         return fit_to_robot(self.load_scaled(world_number, robot), robot, course)
 
     def load_scaled(self, world_number: int, robot: Robot) -> World:
-        """Return a world scaled to a robot: a maneuver always, shipped ones if narrow.
+        """Return a world scaled to a robot: maneuvers always, shipped if too narrow.
 
         Every maneuver has the robot's size. A world of another shipped data set is
         scaled up, with a note, only if it is too narrow for the robot.
@@ -312,7 +312,7 @@ _PART = re.compile(r"(\d{1,9})(?:-(\d{1,9})|:(\d{1,9})(?::(\d{1,9}))?)?")
 def select_worlds(
     spec: str | int | Iterable[int], world_numbers: Iterable[int]
 ) -> list[int]:
-    """Return the numbers that a selection ("0-49,60") names; WorldError if one lacks.
+    """Return the numbers that "0-49,60" or "all" select; WorldError if one is missing.
 
     Each number occurs once.
 

@@ -225,7 +225,7 @@ def generate_ranked_dataset(
 
 
 def renumber(worlds: Sequence[World], order: WorldOrder) -> dict[int, World]:
-    """Return worlds numbered from 0 by rising score; WorldError for bad scores.
+    """Return copies numbered from 0 by rising score; WorldError unless all are finite.
 
     Args:
         worlds: The worlds; their copies are named world_0, world_1 and so on.

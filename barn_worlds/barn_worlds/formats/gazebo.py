@@ -66,10 +66,7 @@ class GazeboFile:
         return cls(read_maybe_gzipped(path, LARGEST_WORLD_FILE), str(path))
 
     def course(self) -> list[float]:
-        """Return x, y (m), yaw (rad) of frames start, then goal (6,); [] without them.
-
-        WorldError if the file has only one of them.
-        """
+        """Return x, y, yaw of start and goal (6,), [] without; WorldError for only one."""
         course: list[float] = []
         for name in ("start", "goal"):
             if self._world.element.find(f"frame[@name='{name}']") is None:
@@ -275,7 +272,7 @@ class GazeboFile:
 
 
 def fill_hollow(visible: BoolGrid, free: tuple[int, int] | None = None) -> BoolGrid:
-    """Return a copy of a grid with enclosed gaps filled, but for that of cell `free`.
+    """Return a grid with enclosed gaps filled where the file allows it, not at `free`.
 
     A file leaves out filled cells whose 8 neighbors are all filled. An enclosed gap may
     consist of such cells or be empty: the file looks the same. But if filling a gap
@@ -317,7 +314,7 @@ def fill_hollow(visible: BoolGrid, free: tuple[int, int] | None = None) -> BoolG
 def _read_collision(
     collision: Element, pose: Transform, scale: float, where: str
 ) -> Iterator[tuple[float, float, float]]:
-    """Yield x, y, radius in m of a collision's cylinder, nothing for plane or empty.
+    """Yield x, y, radius of a cylinder, nothing for plane or empty; else WorldError.
 
     Raises WorldError for other shapes and for cylinders that robots would not meet.
 

@@ -393,7 +393,7 @@ def _encode_pgm(grid: OccupancyMap) -> bytes:
 
 
 def _read_image(path: Path) -> tuple[Floats, BoolGrid]:
-    """Read gray values, 0 to 255, of an image file, and a mask of its opaque pixels.
+    """Return an image's gray (0 to 255) and mask of opaque pixels, the top row first.
 
     Both are (height, width) and begin with the top row. A color counts as its mean.
     WorldError if the file is not such an image or is too large.

@@ -55,7 +55,7 @@ class Scope:
         self._models: dict[Element, tuple[Scope, float]] = {}
 
     def models(self) -> Iterator[tuple["Scope", float]]:
-        """Yield the models directly in this scope, each with a factor on its radii."""
+        """Yield scopes of the models directly in this one, with a factor on radii."""
         for element in self.element.findall("model"):
             yield self._model(element)
 

@@ -95,43 +95,43 @@ def _reads(type_name: str) -> Callable[[Callable[[bytes], T]], Callable[[bytes],
 
 @_reads("std_msgs/msg/Header")
 def header(data: bytes) -> Header:
-    """Return stamp (ns) and frame of a message of any type that begins with them."""
+    """Return stamp (ns) and frame of a message's header; MessageError if malformed."""
     stamp_ns, _ = _read_stamp(data)
     return Header(stamp_ns, _read_text(data, ENCAPSULATION_BYTES + 8))
 
 
 @_reads("rosgraph_msgs/msg/Clock")
 def clock(data: bytes) -> int:
-    """Return the time in ns of serialized rosgraph_msgs/Clock."""
+    """Return the time in ns of a serialized Clock; MessageError if malformed."""
     sec, nanosec = struct.unpack_from("<iI", data, ENCAPSULATION_BYTES)
     return int(sec * NANOSECONDS_PER_SECOND + nanosec)
 
 
 def boolean(data: bytes) -> bool:
-    """Return the value of serialized std_msgs/Bool."""
+    """Return the value of a serialized Bool; MessageError if malformed."""
     return bool(decode_message(data, "std_msgs/msg/Bool").data)
 
 
 def number(data: bytes) -> float:
-    """Return the value of serialized std_msgs/Float64."""
+    """Return the value of a serialized Float64; MessageError if malformed."""
     return float(decode_message(data, "std_msgs/msg/Float64").data)
 
 
 @_reads("std_msgs/msg/String")
 def text(data: bytes) -> str:
-    """Return the text of serialized std_msgs/String."""
+    """Return the text of a serialized String; MessageError if malformed."""
     return _read_text(data, ENCAPSULATION_BYTES)
 
 
 @_reads("geometry_msgs/msg/Twist")
 def twist(data: bytes) -> Velocity2D:
-    """Return linear x and angular z of serialized geometry_msgs/Twist."""
+    """Return linear x, angular z of a serialized Twist; MessageError if malformed."""
     return Velocity2D(*_TWIST.unpack_from(data, ENCAPSULATION_BYTES))
 
 
 @_reads("geometry_msgs/msg/TwistStamped")
 def twist_stamped(data: bytes) -> Velocity2D:
-    """Return linear x and angular z of serialized geometry_msgs/TwistStamped."""
+    """Return linear x, angular z of a TwistStamped; MessageError if malformed."""
     _, end = _read_stamp(data)
     return Velocity2D(*_TWIST.unpack_from(data, _align_double(end)))
 
@@ -152,13 +152,13 @@ def command(data: bytes, type_name: str) -> Velocity2D:
 
 
 def pose(data: bytes) -> Pose2D:
-    """Return x, y, yaw of serialized geometry_msgs/PoseStamped, without its header."""
+    """Return x, y, yaw of a serialized PoseStamped; MessageError if malformed."""
     return planar_pose(decode_message(data, "geometry_msgs/msg/PoseStamped").pose)
 
 
 @_reads("geometry_msgs/msg/PoseArray")
 def poses(data: bytes) -> Floats:
-    """Return x, y, z and quaternion x, y, z, w (n, 7) of serialized PoseArray."""
+    """Return x, y, z, quaternion (n, 7) of a PoseArray; MessageError if malformed."""
     _, end = _read_stamp(data)
     offset = _align_length(end)
     (count,) = _LENGTH.unpack_from(data, offset)
@@ -170,14 +170,14 @@ def poses(data: bytes) -> Floats:
 
 
 def pose_with_covariance(data: bytes) -> Pose2D:
-    """Return x, y, yaw of serialized geometry_msgs/PoseWithCovarianceStamped."""
+    """Return x, y, yaw of a PoseWithCovarianceStamped; MessageError if malformed."""
     message = decode_message(data, "geometry_msgs/msg/PoseWithCovarianceStamped")
     return planar_pose(message.pose.pose)
 
 
 @_reads("nav_msgs/msg/Odometry")
 def odometry(data: bytes) -> Odometry:
-    """Return stamp, planar pose and velocity of serialized nav_msgs/Odometry."""
+    """Return stamp, planar pose, velocity of an Odometry; MessageError if malformed."""
     stamp_ns, end = _read_stamp(data)
     offset = _align_double(_text_end(data, end))
     x, y, *quaternion, linear, angular = _POSE_AND_TWIST.unpack_from(data, offset)
@@ -187,7 +187,7 @@ def odometry(data: bytes) -> Odometry:
 
 @_reads("sensor_msgs/msg/LaserScan")
 def scan(data: bytes) -> Scan:
-    """Return the scan, with its ranges copied, of serialized sensor_msgs/LaserScan."""
+    """Return the scan, ranges copied, of a LaserScan; MessageError if malformed."""
     stamp_ns, end = _read_stamp(data)
     offset = _align_length(end)
     angle_min, _, increment, _, _, range_min, range_max, count = _SCAN.unpack_from(
@@ -227,7 +227,7 @@ def path(data: bytes) -> Points:
 
 
 def markers(data: bytes) -> Markers:
-    """Return the discs and lines that serialized MarkerArray adds; ignore the rest."""
+    """Return discs and lines added by a MarkerArray, no others; MessageError if bad."""
     message = decode_message(data, "visualization_msgs/msg/MarkerArray")
     frame = ""
     discs = []
@@ -252,7 +252,7 @@ def markers(data: bytes) -> Markers:
 
 
 def transforms(data: bytes) -> list[Transform]:
-    """Return the planar part of each transform of serialized tf2_msgs/TFMessage."""
+    """Return the planar transforms of a TFMessage; MessageError if malformed."""
     transforms = []
     for stamped in decode_message(data, "tf2_msgs/msg/TFMessage").transforms:
         pose = _planar(stamped.transform.translation, stamped.transform.rotation)

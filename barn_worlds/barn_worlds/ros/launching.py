@@ -96,10 +96,7 @@ class NodeLaunch:
         return parameters
 
     def _make_node(self, context: LaunchContext) -> list[LaunchDescriptionEntity]:
-        """Return the node's action, in a list, with the values of the arguments.
-
-        Raises RuntimeError if its Python lacks the suite's libraries.
-        """
+        """Return the node's action, in a list; RuntimeError without libraries."""
         check_environment(self.package, self.executable)
         values = {}
         for name, (kind, _, _) in self._parameters.items():

@@ -20,7 +20,7 @@ T = TypeVar("T")
 
 
 def declare_parameters(node: Node, config: T, *, read_only: bool = False) -> T:
-    """Declare each field as a ROS parameter; return the configuration as users set it.
+    """Declare fields as ROS parameters; return values as set; ConfigError if invalid.
 
     Args:
         node: Node that gets the parameters. Nested fields get dotted names.

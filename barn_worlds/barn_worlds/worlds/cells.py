@@ -119,7 +119,7 @@ def world_map(
     historical: bool = False,
     corner_m: tuple[float, float] | None = None,
 ) -> OccupancyMap:
-    """Return the occupancy map of a grid with its containment, without in an arena.
+    """Return the occupancy map of a grid, with its containment unless corner_m is set.
 
     No cell is unknown. Straight walls and what moves are not in it.
 

@@ -115,7 +115,7 @@ def _pool(mask: BoolGrid, block_cells: int) -> BoolGrid:
 
 @strict_kernel
 def _measure_paths(free: BoolGrid, narrow: BoolGrid, row: int, column: int) -> Floats:
-    """Return path lengths from a block, and of narrow parts, (2, rows, cols); or inf.
+    """Return path lengths from a block, total and narrow, (2, rows, cols); inf if none.
 
     Args:
         free: (rows, cols), blocks that paths lead over, to any of the 8 neighbors.
