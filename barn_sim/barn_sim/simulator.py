@@ -223,7 +223,7 @@ class Simulator:
         return Odometry(self.stamp_ns, pose.through_quaternion(), velocity)
 
     def read_localization(self, odometry: Pose2D) -> Pose2D:
-        """Return the pose estimate in the map frame, truth if exact, plus the offset.
+        """Return the map pose estimate (truth if exact) plus offset; may take a scan.
 
         Args:
             odometry: Pose in the odom frame at this instant.

@@ -114,7 +114,7 @@ def save_model(model: DifficultyModel, path: Path) -> None:
 
 
 def load_model(path: Path | str | None = None) -> DifficultyModel:
-    """Load a difficulty model from an .npz file, by default the shipped one.
+    """Load a difficulty model, by default the shipped one; BarnError if damaged.
 
     Raises:
         BarnError: If the file is no sound model.

@@ -134,7 +134,7 @@ class SimulatorNode(Node):
         self.get_logger().info(self._describe())
 
     def run(self) -> None:
-        """Simulate and publish until `stopping`; TippedError without an evaluator."""
+        """Run until `stopping` is set; TippedError on a tip without an evaluator."""
         while not self.stopping:
             try:
                 if self._config.lockstep:

@@ -400,7 +400,7 @@ def _is_tuple(kind: object) -> bool:
 def _read_tuple(
     converter: cattrs.Converter, value: object, kind: Any
 ) -> tuple[Any, ...]:
-    """Return a list or array as tuple type `kind`; TypeError for another or length."""
+    """Return a list or array as tuple type `kind`; TypeError for anything else."""
     is_list = isinstance(value, Iterable) and not isinstance(value, (str, Mapping))
     items = list(cast("Iterable[Any]", value)) if is_list else []
     kinds = get_args(kind)

@@ -72,7 +72,7 @@ def read_bytes(path: Path, largest: int = LARGEST_FILE_BYTES) -> bytes:
 
 
 def read_at_most(path: Path, largest: int) -> bytes:
-    """Return a regular file's bytes; OSError if it is none or larger than `largest`.
+    """Return a regular file's bytes; OSError for other kinds or above `largest` bytes.
 
     Args:
         path: A regular file.
@@ -316,7 +316,7 @@ def parse_json(text: str | bytes, where: str) -> PlainData:
 
 
 def read_lines(path: Path, file: BinaryIO | None = None) -> Iterator[tuple[str, str]]:
-    """Yield "FILE, line 2" and text of complete lines; ConfigError if one is too long.
+    """Yield place and text of whole lines, none without a file; ConfigError if bad.
 
     A missing file has no lines. A last line without a newline, which a killed writer
     may leave, is skipped.

@@ -310,7 +310,7 @@ def _build_obstacle(
 def _polynomial_points(
     parameters: MotionParameters, generator: np.random.Generator
 ) -> Points:
-    """Return x, y (n, 2) in m on a random polynomial across the arena, x rising.
+    """Return points (n, 2) in m on a random polynomial, x rising, or raise WorldError.
 
     Raises WorldError if 1000 polynomials in a row are undetermined or too short.
 

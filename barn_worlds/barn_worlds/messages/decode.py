@@ -221,7 +221,7 @@ def occupancy_map(data: bytes) -> OccupancyMap:
 
 
 def path(data: bytes) -> Points:
-    """Return x, y (n, 2) in m of the poses of serialized nav_msgs/Path."""
+    """Return x, y (n, 2) in m of a Path's poses; MessageError if malformed."""
     message = decode_message(data, "nav_msgs/msg/Path")
     return planar_points([stamped.pose.position for stamped in message.poses])
 
@@ -264,7 +264,7 @@ def transforms(data: bytes) -> list[Transform]:
 
 
 def diagnostics(data: bytes) -> list[dict[str, str]]:
-    """Return texts by key, a dict per status, of serialized DiagnosticArray."""
+    """Return a dict of texts per status of DiagnosticArray; MessageError if bad."""
     statuses = decode_message(data, "diagnostic_msgs/msg/DiagnosticArray").status
     return [{value.key: value.value for value in status.values} for status in statuses]
 

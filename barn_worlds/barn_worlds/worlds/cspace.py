@@ -11,7 +11,7 @@ _COLUMN_STEPS = np.array([0, -1, 1, 0, -1, 1, -1, 1])
 
 
 def configuration_space(grid: BoolGrid, footprint_cells: int) -> BoolGrid:
-    """Return the C-space, True where the footprint hits; WorldError for an even side.
+    """Return the C-space, True where the center may not be; WorldError for even sides.
 
     There a square footprint around the center of the cell covers a filled cell.
 
