@@ -243,7 +243,7 @@ def intersect_cylinders(
     centers: Floats,
     tilted: Floats,
 ) -> int:
-    """Write where cylinders meet a height to `centers`, or `tilted`; count the latter.
+    """Write circles at a height to `centers` (inf if none) or to `tilted`; count those.
 
     Args:
         indices: Rows of the cylinders.

@@ -281,7 +281,7 @@ class Obstacles:
         self._visible_homes[self._hidden] = np.inf
 
     def cross_section(self, height_m: float) -> tuple[Floats, Floats]:
-        """Return upright circles and tilted cylinders at a height, for `Lidar.scan`.
+        """Return upright circles (hidden ones at inf) and tilted cylinders at a height.
 
         Args:
             height_m: Height of the plane above the ground.

@@ -165,7 +165,7 @@ def finish_tick(robot: Record, fixed: Record, noise: Floats) -> None:
 
 @inline_kernel
 def is_free(robot: Record, fixed: Record, segments: Floats) -> bool:
-    """Tell whether the robot can touch no cylinder, wall or mover in the next tick.
+    """Tell whether no obstacle can be touched in the next tick; False in a contact.
 
     Args:
         robot: Record of the robot.

@@ -292,7 +292,7 @@ def obstacle_distances(occupied: BoolGrid, resolution: float) -> Floats:
 
 @cache
 def needed_particles(least: int, most: int) -> Integers:
-    """Return for each count of filled bins, 0 to `most`, how many particles to keep.
+    """Return how many particles to keep per count of filled bins; `most` below two.
 
     Args:
         least: Smallest number of particles.

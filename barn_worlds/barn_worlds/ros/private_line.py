@@ -92,7 +92,7 @@ class PrivateLine:
         return json.loads(packet) if packet else None
 
     def _send(self, packet: bytes) -> None:
-        """Send a packet; wait while the line is full, drop it if `waits` is false."""
+        """Send a packet; wait while full, drop it if not `waits` or the line broke."""
         while self._waits():
             try:
                 self._socket.send(packet, socket.MSG_DONTWAIT)
