@@ -104,7 +104,7 @@ class TrialAdapter:
         return trial_messages
 
     def _take_message(self, message: Message) -> None:
-        """Keep a reading to be judged later, or pass on status, plan or command."""
+        """Keep a reading, judging one before it, or pass on status, plan or command."""
         topics = self.topics
         match message.topic:
             case topics.odometry:
@@ -175,7 +175,7 @@ class TrialAdapter:
 def count_missed_periods(
     commands_ns: Sequence[int], now_ns: int, period_ns: int, silence_ns: int
 ) -> int:
-    """Return how many control periods had no command, from the first command to now.
+    """Return how many periods lack a command; pauses over `silence_ns` count none.
 
     A command is late once it comes more than half a period after its time.
 
@@ -201,7 +201,7 @@ def count_missed_periods(
 def share_of_missed(
     missed: int, commands_ns: Sequence[int], now_ns: int, period_ns: int
 ) -> float:
-    """Return missed periods over all from the first command to now, from 0 to 1.
+    """Return missed over all periods since the first command, at most 1; 0 before one.
 
     Args:
         missed: Number of missed periods.

@@ -136,7 +136,7 @@ def _choose(
 
 
 def try_planner(run: RunConfig, goal: Pose2D, logs: Path) -> Attempt:
-    """Start the run's only planner beside a simulator, and return what it does.
+    """Return what a run's only planner does beside a simulator; set os.environ for ROS.
 
     Args:
         run: The run that it is meant for.

@@ -220,7 +220,7 @@ def _run_by_hand(node: Node, config: EvaluatorConfig) -> int:
 
 
 def _summarize(results: Rows, metric: str) -> str:
-    """Return the share of successes, and the mean of a column of scores, as a text."""
+    """Return the share of successes as text, with a mean score if all rows have it."""
     success_percent = 100.0 * mean(row.scores.success for row in results)
     values = [getattr(row.scores, metric) for row in results]
     text = f"success {success_percent:.0f} %"

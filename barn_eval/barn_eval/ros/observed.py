@@ -335,7 +335,7 @@ class ObservedQueue(TrialQueue):
             self._take(message)
 
     def _read_time(self, message: Message) -> int:
-        """Return the time of a pose; TrialEnded if its clock cannot be trusted."""
+        """Return a pose's time, note the longest gap; TrialEnded if the clock jumps."""
         file = self._system.file
         stamp_ns = message.sent_ns
         if file.clock == "stamps":

@@ -195,7 +195,7 @@ class PlannerClient:
         return finding
 
     def report_parameters(self) -> None:
-        """Send the supervisor the ROS parameters of all nodes but the simulator."""
+        """Store and report the ROS parameters of all nodes but the simulator."""
         self.parameters = {}
         deadline_s = self._loop.now_s + _ALL_PARAMETERS_S
         # The empty name stands for all nodes whose names discovery has not told yet.

@@ -81,7 +81,7 @@ class SimulatorChannel:
         self._line.send(heard=None)
 
     def ask(self, action: str, limit_s: float, **content: object) -> str:
-        """Send the simulator a request by the private line and wait for the answer.
+        """Return the answer to a request; "reset" first clears the last trial's data.
 
         Args:
             action: "introduce", "set_parameters", "pause" or "reset".

@@ -149,7 +149,7 @@ class RunContext:
         )
 
     def make_queue(self, reset_ns: int) -> TrialQueue:
-        """Return the queue of a trial that was reset at a wall-clock time in ns."""
+        """Return a trial's queue after a reset; a system sets the planner's origin."""
         if self.system is None:
             return TrialQueue(self.subscriber, self.topics, reset_ns, self.channel)
         self.planner.origin = self.system.origin

@@ -47,12 +47,12 @@ class Encounters:
 
     @property
     def hit_at_rest(self) -> bool:
-        """Whether a moving obstacle touched the robot while the robot was at rest."""
+        """Whether a moving obstacle hit the robot at under 0.05 m/s; False without."""
         return self.hit_robot_mps is not None and self.hit_robot_mps < AT_REST_MPS
 
     @property
     def not_at_fault(self) -> bool:
-        """Whether a moving obstacle touched the robot through no fault of the robot.
+        """Whether a hit robot was at rest or had below a tenth of the closing speed.
 
         The robot was at rest or had less than a tenth of the closing speed. False
         without a contact.
@@ -188,7 +188,7 @@ def _first_hit(
 
 
 def _standing_gap(poses: Floats, world: World, outline: Footprint) -> float:
-    """Return the least distance in m, 0 at least, from poses to cylinders and walls.
+    """Return the least distance in m from poses to cylinders and walls, 0 to infinity.
 
     Infinite without cylinders and walls. Poses (n, 3) are x, y m, yaw rad in the map
     frame.

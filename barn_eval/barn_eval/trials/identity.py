@@ -82,7 +82,7 @@ def plain_task(
 
 
 def without_own_name(simulator: Any) -> Any:
-    """Return a simulator's plain data, with the name of a user's own robot replaced."""
+    """Return a simulator's plain data, with "own" for the name of a user's robot."""
     chassis = as_mapping(as_mapping(simulator).get("chassis"))
     if str(chassis.get("name", STANDARD_ROBOT.name)) in ROBOTS:
         return simulator
@@ -141,7 +141,7 @@ def first_difference(
 
 
 def flatten(content: object, name: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield dotted key and value of each leaf in nested dicts and lists.
+    """Yield dotted key and value of each leaf; empty dicts and lists are leaves.
 
     In a list, the index is the key.
 

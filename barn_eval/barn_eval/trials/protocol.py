@@ -76,7 +76,7 @@ class PoseRule(Checked):
         )
 
     def scaled_to(self, scale: float, first_column_m: float) -> "PoseRule":
-        """Return the rule with its lengths scaled to cells of another size.
+        """Return the rule, scaled; y from the map's origin keeps to the first column.
 
         Anchors and yaw stay. A y from the map's origin keeps its scaled distance from
         the first column of obstacles.
@@ -101,7 +101,7 @@ class PoseRule(Checked):
         )
 
     def resolve(self, anchors: Mapping[str, tuple[float, float]]) -> Pose2D:
-        """Return the pose in the map frame, with x held within its limits.
+        """Return the pose, x within its limits; ConfigError for an anchor not given.
 
         `anchors` has x and y in m of each anchor by name, in the map frame.
 
@@ -258,16 +258,16 @@ class Protocol(Checked):
 
     @property
     def longest_look_s(self) -> float:
-        """Longest time between two looks at the robot, in s."""
+        """Control or look period in s, whichever is longer."""
         return max(self.control_period_s, self.look_period_s)
 
     @property
     def longest_failure_time_s(self) -> float:
-        """The most seconds that count for a failure."""
+        """Seconds that count for a failure or a timeout, whichever are more."""
         return max(self.failure_time_s, self.timeout_time_s)
 
     def course(self, world: World) -> Course:
-        """Return a world's start and goal in the map frame, lengths and optimal time.
+        """Return a world's own course, else one by the rules; ConfigError if none fits.
 
         For a robot of another size, call it on the protocol that `scaled_to` returns.
 
@@ -315,7 +315,7 @@ class Protocol(Checked):
     def _measure_course(
         self, world: World, start: Pose2D, path: Points, goal: Pose2D
     ) -> Course:
-        """Return the course from start along `path` (n, 2), in m, to goal."""
+        """Return the course along `path` (n, 2) in m, straight if of unknown length."""
         points = np.vstack(([start.x, start.y], path, [goal.x, goal.y]))
         reference_m = float(side_lengths(points).sum())
         if not world.path_length_m:
@@ -411,17 +411,17 @@ class Protocol(Checked):
 
     @property
     def limit_is_chosen(self) -> bool:
-        """Whether somebody chose the limit, since no built-in protocol has it."""
+        """Whether own_limit is 0, or no built-in protocol has this limit_s."""
         built_in = {protocol.limit_s for protocol in PROTOCOLS.values()}
         return self.own_limit == 0.0 or self.limit_s not in built_in
 
     @property
     def slow_speed_mps(self) -> float:
-        """Speed in m/s at which a robot gets half of the best challenge metric."""
+        """A quarter of the reference speed in m/s; it gets half of the best metric."""
         return self.reference_speed_mps / 4.0
 
     def ranking_metric(self, world: World, max_speed_mps: float) -> str:
-        """Return the key of the measure that ranks planners in a world.
+        """Return the metric; a challenge one may give way to "efficiency" in a world.
 
         The optimal time is made for the course of the challenge and for a robot that
         can reach its speed. On courses of a world's own, and for slow robots, the
@@ -446,7 +446,7 @@ class Protocol(Checked):
 
 
 def load_protocol(source: str) -> Protocol:
-    """Return a built-in protocol by its name, or one read from a .yaml or .yml file.
+    """Return a protocol, built in or from a YAML file; raise ConfigError if invalid.
 
     Raises:
         ConfigError: The name or a key is unknown, the file cannot be read, a value is

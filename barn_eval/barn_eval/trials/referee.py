@@ -90,7 +90,7 @@ class Referee:
     def observe(
         self, stamp_ns: int, odometry: Pose2D, truth: Pose2D, collision: bool
     ) -> Verdict | None:
-        """Judge an instant's readings; return the verdict, None while the trial runs.
+        """Judge readings unless the trial has ended; return its verdict or None.
 
         Readings after a verdict are ignored.
 
@@ -116,7 +116,7 @@ class Referee:
         return self.verdict
 
     def command(self, command: Velocity2D) -> Verdict | None:
-        """Check a command without sending it; return the verdict, None if none yet.
+        """End the trial for a non-finite or too fast command; return verdict or None.
 
         A command that is not finite, or faster than the declared speed cap forward or
         backward, ends the trial.

@@ -175,7 +175,7 @@ def challenge_metric(
     optimal_time_s: float | None,
     clip: tuple[float, float] = CHALLENGE_CLIP,
 ) -> float | None:
-    """Return the optimal over the clipped traversal time; 0 for anything but a success.
+    """Return optimal over clipped time; 0 for a failure, None if the first is unknown.
 
     None for a success where the optimal time is unknown.
 
@@ -270,7 +270,7 @@ class WallClock:
         answer_times_s: Sequence[float],
         **fields: Any,
     ) -> "WallClock":
-        """Return figures with median, 95th percentile and maximum of answer times.
+        """Return figures with median, 95 % and maximum in ms; None without answers.
 
         Args:
             duration_s: Wall-clock time that the trial took.
@@ -291,7 +291,7 @@ class WallClock:
         allowed_s: float,
         compute_mode: str,
     ) -> "WallClock":
-        """Return a copy with `pace`, and the computer that the score assumes.
+        """Return a copy with `pace` and, if FREE or DECLARED, the assumed computer.
 
         The latter is set only in the modes FREE and DECLARED, after an answer.
 
@@ -409,7 +409,7 @@ RowsByPlanner = Mapping[str, Rows]
 
 
 def exit_code(results: Rows) -> int:
-    """Return DONE, or NOT_SCORED if a trial has no score or no planner finished one.
+    """Return DONE; NOT_SCORED without rows, if one is not scored, or none was driven.
 
     Args:
         results: All rows of the run.
@@ -462,12 +462,12 @@ def format_trial_id(planner: str, world_number: int, repetition: int) -> str:
 
 
 def to_json_line(result: TrialResult) -> str:
-    """Return a row as one line of JSON, without newline and without checksum."""
+    """Return a row as JSON without newline and checksum; ValueError for NaN."""
     return json.dumps(as_dict(result), allow_nan=False, separators=(",", ":"))
 
 
 def from_json_line(line: str, where: str) -> TrialResult:
-    """Return the row in a line of JSON from which the checksum has been removed.
+    """Return the row in a line of JSON without checksum; ConfigError if it is none.
 
     Args:
         line: The line without its checksum.
@@ -480,7 +480,7 @@ def from_json_line(line: str, where: str) -> TrialResult:
 
 
 def row_from_plain(content: Any, where: str) -> TrialResult:
-    """Return the row from its parsed JSON, of any schema in `READABLE_SCHEMAS`.
+    """Return the row from parsed JSON of a readable schema; ConfigError if it is none.
 
     Args:
         content: Plain data.

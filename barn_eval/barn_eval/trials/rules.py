@@ -69,7 +69,7 @@ States = npt.NDArray[np.void]
 
 
 def initial_states(protocol: Protocol, course: Course) -> States:
-    """Return the state of a trial before its first reading, as a record array (1,).
+    """Return a new trial's state (1,), its goal in the frame of the judged pose.
 
     Args:
         protocol: Rules of the trial, in the size of its world.

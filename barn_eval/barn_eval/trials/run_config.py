@@ -164,7 +164,7 @@ class PlannerChoice(Checked):
 
     @property
     def entry_text(self) -> str:
-        """Name in the registry and preset, as on the command line: "NAME:PRESET"."""
+        """"NAME:PRESET" as on the command line, "NAME" without a preset."""
         # Nothing follows the name of a planner without a preset.
         return f"{self.entry_name}:{self.preset}".removesuffix(":")
 
@@ -272,7 +272,7 @@ class RunConfig(Checked):
             raise ConfigError("the settings of ros need mode ros")
 
     def require_own_names(self) -> None:
-        """Raise ConfigError if a user's planner is named like one of the suite.
+        """Raise ConfigError if a user's planner in the suite's system has a suite name.
 
         Earlier versions allowed it, so their folders can be read, but not submitted.
         A planner of the suite may drive a system that is only observed.
@@ -296,7 +296,7 @@ class RunConfig(Checked):
         return DECLARED if compute.is_declared else FREE
 
     def resolve_planner(self, choice: PlannerChoice) -> PlannerSetup:
-        """Return a planner's preset, parameters, fingerprint, speed cap and computing.
+        """Return a planner's resolved setup; ConfigError for a parameter it lacks.
 
         Raises:
             ConfigError: The planner does not take one of its parameters, or a parameter
@@ -447,10 +447,7 @@ class ExecutionConfig(Checked):
 
     @property
     def processes(self) -> int:
-        """Number of workers on this machine: `workers`, or one per usable CPU.
-
-        With engine inline it is 1.
-        """
+        """Number of workers here: 1 inline, else `workers` or one per usable CPU."""
         if self.engine == "inline":
             return 1
         return self.workers or len(os.sched_getaffinity(0))

@@ -104,7 +104,7 @@ class TrialSpec:
 
     @property
     def metric(self) -> str:
-        """Key of the measure that ranks planners in this trial's world."""
+        """Key of the ranking measure; the protocol's own without a least time."""
         # Without a bound there is no efficiency to rank by.
         if self.least_time_s is None:
             return self.protocol.metric
@@ -119,7 +119,7 @@ class TrialSpec:
 
     @property
     def speed_cap_mps(self) -> float | None:
-        """Speed cap: what the planner declares, at most what the robot can drive.
+        """Declared speed cap in m/s, at most the robot's limit; None if unknown.
 
         None if unknown: of a planner that declares none and that the suite neither
         configures nor holds to the robot's limit.
@@ -137,7 +137,7 @@ class TrialSpec:
         return contact_footprint(self.simulator.chassis)
 
     def clearances(self, poses: Floats) -> Floats:
-        """Return distances (n,) in m from the outline to the nearest cylinder.
+        """Return distances (n,) in m to the nearest cylinder, below 0 in an overlap.
 
         Below 0 where they overlap, empty without cylinders. Walls and moving obstacles
         do not count.
@@ -152,7 +152,7 @@ class TrialSpec:
 
     @cached_property
     def least_time_s(self) -> float | None:
-        """Lower bound in s of any success's time on the clock, found by a search.
+        """Lower bound in s of a success's time on the clock; None if there is none.
 
         None if speed cap or path are unknown, or the bound does not hold.
 
@@ -294,7 +294,7 @@ def _least_path_m(
 
 @lru_cache(maxsize=64)
 def _planner_map(protocol: Protocol, world: World, course: Course) -> OccupancyMap:
-    """Return the planner's map: shifted by the protocol, grown to start and goal."""
+    """Return the planner's map, historical if so ruled, padded to start and goal."""
     has_standard_cells = math.isclose(world.resolution_m, STANDARD_CELL_M)
     historical = has_standard_cells and protocol.historical_map
     grid = world.occupancy_map(historical=historical)
@@ -339,7 +339,7 @@ def simulator_config(
     overrides: Mapping[str, Any] | None = None,
     robot: Robot | None = None,
 ) -> SimulatorConfig:
-    """Return the simulator preset that a protocol names, with its values and overrides.
+    """Return a protocol's preset with overrides; ConfigError for one that it fixes.
 
     Args:
         protocol: Names the preset, and fixes control period and obstacles. Under one

@@ -76,7 +76,7 @@ class SystemFile(System):
         return System(**{item.name: content[item.name] for item in fields(System)})
 
     def remappings(self) -> Iterator[str]:
-        """Yield rules FROM:=TO of ROS for the topics that have other names."""
+        """Yield ROS rules FROM:=TO for odom, a contact topic and the file's topics."""
         names = {"odom": self.pose}
         if self.contact.startswith("/"):
             names["collision"] = self.contact

@@ -115,7 +115,7 @@ class Deadline:
 
     @contextmanager
     def installed(self) -> Iterator[None]:
-        """Take over SIGALRM in a context, within which calls are limited.
+        """Limit calls by SIGALRM in a context in the main thread; elsewhere do nothing.
 
         Outside the main thread nothing is limited. The earlier handler comes back at
         the end.
@@ -240,7 +240,7 @@ class RunningTrial:
         return self.referee.command(command)
 
     def plan(self, points: Floats, stamp_ns: int) -> None:
-        """Log a plan, from which the robot's distance is measured later.
+        """Log a plan for the distance to it, unless it is too soon or malformed.
 
         Args:
             points: Points (n, 2) in m, in the planning frame.
@@ -250,7 +250,7 @@ class RunningTrial:
             self.log.plan(points, stamp_ns)
 
     def report(self, status: str) -> None:
-        """Count a recovery if the planner's status changes to recovering.
+        """Count a change of status to recovering; None becomes 0 at the first report.
 
         `status` is a value of `PlannerStatus`.
         """
@@ -260,7 +260,7 @@ class RunningTrial:
         self._status = status
 
     def ask(self, call: Callable[[], T], limit_s: float) -> T | None:
-        """Return what `call` returns; None if it fails, which ends the trial.
+        """Return `call()`; None if it raises or is too slow, which ends the trial.
 
         Args:
             call: Calls the planner.

@@ -212,7 +212,7 @@ class _Checker:
             )
 
     def _read_specs(self) -> list[TrialSpec]:
-        """Return the run's trials; without its planners' data if one is not installed."""
+        """Return the run's trials; on ConfigError note it and omit planners' data."""
         try:
             return self._config.trials()
         except ConfigError as error:
@@ -301,7 +301,7 @@ class _Checker:
             problems.append(str(error))
 
     def _keeps_bag(self, row: TrialResult) -> bool:
-        """Tell whether the run keeps a bag of the trial with this row."""
+        """Tell whether the run keeps a trial's bag; False if the robot never moved."""
         bags = self._config.bags
         is_kept = bags == "all" or (bags == "failed" and not row.scores.success)
         return is_kept and row.measures.driven_m > 0.0
@@ -352,7 +352,7 @@ class _Checker:
 
 
 def _is_older(run_file: RunFile) -> bool:
-    """Tell whether run.json has versions or a schema of an earlier release."""
+    """Tell whether run.json is of an earlier release; False for unknown versions."""
     versions = run_file.code_versions
     is_earlier = versions != CODE_VERSIONS or run_file.schema_version < SCHEMA_VERSION
     return is_earlier and _has_known_versions(run_file)

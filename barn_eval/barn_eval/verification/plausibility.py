@@ -202,7 +202,7 @@ def _find_excess(row: TrialResult, spec: TrialSpec) -> Iterator[str]:
 def compare_with_track(
     row: TrialResult, spec: TrialSpec, track: Track | None
 ) -> Iterator[str]:
-    """Yield a problem for each value of a row that contradicts its track.
+    """Yield a problem per value that contradicts the track, or for a missing track.
 
     Compared, within the track's rounding, are clearance, contacts, driven length,
     duration, sums and the end. Five samples a second do not show everything.

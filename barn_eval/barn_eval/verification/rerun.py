@@ -154,7 +154,7 @@ def _pose_table(poses: Sequence[tuple[float, ...]]) -> Floats:
 
 
 def drive_again(spec: TrialSpec, commands: Floats) -> Readings:
-    """Simulate a trial with these commands and no planner; return its readings.
+    """Return readings of a trial driven by commands; ConfigError if one was not due.
 
     Scans and the pose on the map are not simulated: they have noise of their own, and
     nothing here depends on them.
@@ -223,7 +223,7 @@ def drive_by_planner(spec: TrialSpec, row: TrialResult) -> str:
 
 
 def replay_trial(spec: TrialSpec, readings: Readings) -> RunningTrial:
-    """Feed readings and commands to a new referee and return the judged trial.
+    """Judge readings and commands anew; return the trial, maybe without a verdict.
 
     The trial has no verdict if the readings do not end it.
 

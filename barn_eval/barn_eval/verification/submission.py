@@ -70,7 +70,7 @@ _RERUNS = 3
 
 
 def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderCheck:
-    """Check a folder of finished results and write it as one file; return the check.
+    """Write a folder without problems as one file and return the check, or raise.
 
     Equal results give equal bytes.
 
@@ -160,7 +160,7 @@ def _sha256(content: bytes) -> str:
 
 
 def verify(path: str | Path, folder: str | Path) -> tuple[FolderCheck, dict[str, Any]]:
-    """Unpack a submission into a folder, check it there; return (check, its origin).
+    """Unpack a submission, check it, write its tables; return (check, its origin).
 
     Nothing in the file is trusted. If it has one row per trial, result tables are
     written.
@@ -225,7 +225,7 @@ def verify(path: str | Path, folder: str | Path) -> tuple[FolderCheck, dict[str,
 
 
 def _find_impostors(config: RunConfig, rows: Rows) -> Iterator[str]:
-    """Drive some trials of each registered planner again; yield any differences.
+    """Drive up to 3 random trials per registered planner again; yield differences.
 
     The trials are drawn at random, so that a submitter cannot know them.
     """
@@ -257,7 +257,7 @@ def _require_release(path: Path, run_file: RunFile) -> None:
 
 
 def _unpack(path: Path, folder: Path) -> str:
-    """Write the members of a submission into a folder; return its container's digest.
+    """Unpack a submission and return its container's digest; ConfigError if it is none.
 
     Raises:
         ConfigError: If the file is not a submission, or is damaged.

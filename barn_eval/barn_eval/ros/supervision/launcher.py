@@ -417,7 +417,7 @@ class _Launcher:
         return _start_command(command, writer, prepare, new_session=True)
 
     def _wait(self, child: _Child) -> bool:
-        """Pass on output until the command ends or the supervisor writes or closes.
+        """Pass on output until the end; return False if a signal ends this process.
 
         Returns:
             Whether the supervisor knows why: False if a signal ends this process.

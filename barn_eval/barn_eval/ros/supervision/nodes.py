@@ -287,7 +287,7 @@ def _parameters_of(setup: RosConfig, node_config: type[Checked]) -> dict[str, An
 
 
 def environment(inherited: Mapping[str, str], domain: int) -> dict[str, str]:
-    """Return environment variables for all three processes on a ROS domain.
+    """Return variables for all processes on a domain; the user's set all but transport.
 
     Args:
         inherited: Variables of the user, which win over buffers and threads.
