@@ -259,7 +259,7 @@ def overlay(
 
 
 def folder_paths(folders: Folders) -> list[Path]:
-    """Return the paths of `Results` or folders as a list; they need not exist.
+    """Return paths of `Results` or folders, maybe missing; ConfigError for other items.
 
     Raises:
         ConfigError: If an item is neither.

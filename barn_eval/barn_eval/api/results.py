@@ -395,7 +395,7 @@ class Results:
         return next(find_difference(result, new_result.repeatable(), "now"), "")
 
     def _drive(self, result: TrialResult, out: Path, bags: str) -> TrialResult:
-        """Drive a trial again with its planner; return the new row.
+        """Drive a trial again, return its row; ConfigError if its object is missing.
 
         Args:
             result: Its row.

@@ -28,7 +28,7 @@ class Trial:
 
     @cached_property
     def trajectory(self) -> pd.DataFrame:
-        """DataFrame of the track in the map frame: five rows a second, and the end.
+        """DataFrame of the track in the map frame, 5 rows a second; empty without one.
 
         Columns: time_s since the first reading, x_m, y_m, yaw_rad, speed_mps,
         turn_radps, command_speed_mps and command_turn_radps (NaN without a command),

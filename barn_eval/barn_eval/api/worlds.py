@@ -314,7 +314,7 @@ def save(
 
 
 def _write_original_layout(path: Path, worlds: Mapping[int, World]) -> None:
-    """Write worlds and their published metrics to a folder of the original layout.
+    """Write worlds and metrics in the original layout; WorldError if it lacks a part.
 
     Raises WorldError for walls, moving obstacles and arenas.
     """

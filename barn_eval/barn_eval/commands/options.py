@@ -207,7 +207,7 @@ help_keys_option = flag_option(
 def _parse_run_options(
     _: click.Context, __: click.Parameter, texts: tuple[str, ...]
 ) -> dict[str, Any]:
-    """Return --run texts as options of a run by name, values as YAML.
+    """Return --run texts as options of a run, values as YAML; ConfigError if at odds.
 
     "ros.KEY" and "simulator.KEY" become mappings.
     """

@@ -210,7 +210,7 @@ class ReportFigure(NamedTuple):
 
 
 def finish_figure(figure: Figure, name: str, about: str) -> ReportFigure:
-    """Return a figure drawn as SVG, page element and PDF.
+    """Return a figure as SVG, page element and PDF; fix its layout, whiten its ground.
 
     Its layout stays what it is then.
 
@@ -306,7 +306,7 @@ class Plot:
 
 
 def plain_text(text: str) -> str:
-    """Return text of at most 40 characters that matplotlib shows as it is.
+    """Return text as one line of up to 40 characters without math, "-" if none is left.
 
     It has no mathematics and no line breaks.
     """

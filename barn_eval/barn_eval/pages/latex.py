@@ -84,7 +84,7 @@ def paper_table(
 def _find_best(
     groups: RowsByPlanner, summaries: Mapping[str, Summary], measure: Measure
 ) -> set[str]:
-    """Return names of the best planner by a measure and of those not clearly worse.
+    """Return the best planners by a measure, not clearly worse; empty if that is all.
 
     There is none for a measure without a better direction, and for a single planner.
     """

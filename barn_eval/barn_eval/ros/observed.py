@@ -219,7 +219,7 @@ class ObservedSystem:
         return request
 
     def _read_pose(self, since_ns: int) -> Pose2D | None:
-        """Return the last pose that has arrived since a time, None without any."""
+        """Take what has arrived; return the last pose sent after a time, or None."""
         messages: list[Message] = []
         self._subscriber.read(messages.append)
         pose = None

@@ -386,7 +386,7 @@ class Protocol(Checked):
         )
 
     def extend_to(self, world: World, max_speed_mps: float) -> "Protocol":
-        """Return the protocol, its limit raised if the world's own course needs that.
+        """Return the protocol, limit and failure times raised if a world's course asks.
 
         Times that count for failures rise with it. The protocol itself is returned for
         worlds without a course of their own, and where its limit is long enough.

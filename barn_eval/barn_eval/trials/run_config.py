@@ -332,7 +332,7 @@ class RunConfig(Checked):
         )
 
     def _registry_overrides(self, choice: PlannerChoice, preset: str) -> dict[str, Any]:
-        """Return parameters by dotted name: the choice's, and what the robot decides.
+        """Return parameters set by choice and robot; ConfigError for a lidar moved.
 
         Raises:
             ConfigError: The choice puts the lidar elsewhere than the simulator does.

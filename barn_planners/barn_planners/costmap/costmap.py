@@ -116,7 +116,7 @@ class Costmap:
         return Grid(self.origin_x, self.origin_y, self.resolution)
 
     def update(self, pose: Pose2D, scan: Scan, lidar: Pose2D) -> None:
-        """Clear along a scan's beams, mark its hits, clear the footprint, update costs.
+        """Clear beams, mark hits, clear footprint, update costs; nothing if not finite.
 
         Nothing changes if a coordinate or an angle is not finite.
 
@@ -165,7 +165,7 @@ class Costmap:
         self._clear_outside(Window(0, 0, 0, 0))
 
     def clear_outside(self, pose: Pose2D, side_m: float) -> None:
-        """Clear the lidar's marks outside a square along the axes, and update costs.
+        """Clear lidar marks outside a square, or all if it is not finite; update costs.
 
         Args:
             pose: Center of the square; all marks are cleared if it is not finite.

@@ -42,7 +42,7 @@ class GoalTurn:
     def control(
         self, inputs: ControlInput, goal: Pose2D, allows: Callable[[Velocity2D], bool]
     ) -> Control:
-        """Return a command that brakes, then turns in place; STOP once it is aligned.
+        """Return a command to brake, then turn; STOP once aligned; none if refused.
 
         If `allows` refuses the command, there is a reason and no command.
 

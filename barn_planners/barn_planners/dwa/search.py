@@ -230,7 +230,7 @@ def _cost(
     limit: float,
     work: _Work,
 ) -> float:
-    """Return a sample's cost and fill in its row as `score` does.
+    """Return a sample's cost, its row filled in; -1 if not allowed or over `limit`.
 
     It is -1 if the sample is not allowed or costs more than the limit. The row then has
     TOUCHES or NO_WAY, or its cost stays unknown.
@@ -348,7 +348,7 @@ def _highest_cost(
     limit: float,
     work: _Work,
 ) -> int:
-    """Return the highest cost under the edges along a rollout, -1 if not allowed.
+    """Return the highest edge cost of a rollout, -1 if not allowed; stop over `limit`.
 
     It may be a lower one that costs more than the limit already.
     """

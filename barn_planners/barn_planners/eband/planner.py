@@ -102,7 +102,7 @@ class ElasticBand:
     def advance(
         self, pose: Pose2D, ahead: Floats, costmap: Costmap
     ) -> tuple[bool, str]:
-        """Connect the band to the robot, append poses, and renew and relax it.
+        """Connect the band, append poses, relax; return if appended, and why not.
 
         Args:
             pose: Pose of the robot in the frame of the costmap.
@@ -301,7 +301,7 @@ class EBandController(Controller):
         return Velocity2D(0.0, self._turn_rate(angle, slowest))
 
     def _turn_rate(self, angle: float, slowest: float) -> float:
-        """Return the yaw rate in rad/s for an angle in rad, at least `slowest`."""
+        """Return the yaw rate in rad/s for an angle in rad, within its two limits."""
         # A proportional law: bearings are small while the robot follows the band.
         rate = self.config.k_prop_per_s * angle
         if abs(rate) < slowest:

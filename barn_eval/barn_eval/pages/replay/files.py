@@ -194,7 +194,7 @@ def _encode_film(
 def draw_views(
     recorded: RecordedTrial, camera: str, times_s: Sequence[float], oversampling: int
 ) -> Iterator[Pixels]:
-    """Yield RGB frames of a trial as a camera sees it at trial times [s].
+    """Yield RGB frames of a camera at trial times [s]; ConfigError without a world.
 
     With oversampling, frames are drawn that many times as large, for smooth edges.
     ConfigError if the world is unknown.

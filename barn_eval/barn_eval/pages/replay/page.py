@@ -108,7 +108,7 @@ def _find_name(recorded: RecordedTrial, part: str, key: str) -> str:
 
 
 def outcome_at(recorded: RecordedTrial, time_s: float) -> str:
-    """Return the outcome if the trial has ended by `time_s`, else "".
+    """Return the outcome, or that the bag has none, from the trial's end on, else "".
 
     Args:
         recorded: The trial.
@@ -122,7 +122,7 @@ def outcome_at(recorded: RecordedTrial, time_s: float) -> str:
 
 
 def list_facts(recorded: RecordedTrial) -> dict[str, str]:
-    """Return outcome, scores, measures and seeds of a trial by name."""
+    """Return a trial's outcome, scores and seeds by name; just one without a result."""
     result = recorded.result
     if not result:
         return {"outcome": "not in the bag"}
@@ -167,5 +167,5 @@ def _mapping(content: Mapping[str, Any], key: str) -> Mapping[str, Any]:
 
 
 def _value_text(value: object) -> str:
-    """Return a value of a bag as text."""
+    """Return a value of a bag as text, "not known" for None."""
     return "not known" if value is None else str(value)

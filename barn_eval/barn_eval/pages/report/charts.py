@@ -246,7 +246,7 @@ def _running_means(values: Floats, window: int) -> Floats:
 
 @chart("Metric, success and time per meter by band of difficulty, with 95 % intervals")
 def _bands(data: ChartData, make_panels: MakePanels) -> Handles:
-    """Draw planners' means by band of difficulty, a panel per measure."""
+    """Draw planners' means by band of difficulty per measure; nothing without bands."""
     bands = data.overview.bands
     if not bands:
         return ()
@@ -341,7 +341,7 @@ def _outcomes(data: ChartData, make_panels: MakePanels) -> Handles:
     " the right the one on the right"
 )
 def _paired(data: ChartData, make_panels: MakePanels) -> Handles:
-    """Draw differences between planners, a row per pair, a panel per measure."""
+    """Draw differences by pair, a panel per measure; nothing without pairs."""
     comparisons = data.overview.comparisons
     if not comparisons:
         return ()
@@ -541,7 +541,7 @@ def _trade(data: ChartData, make_panels: MakePanels) -> Handles:
     " whiskers 5 to 95 %"
 )
 def _compute(data: ChartData, make_panels: MakePanels) -> Handles:
-    """Draw a box per planner of its computing time per cycle [ms].
+    """Draw a box per planner of time per cycle [ms]; nothing if none is known.
 
     Panels are of median, 95th percentile and largest time of each trial.
     """

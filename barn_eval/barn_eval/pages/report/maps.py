@@ -227,7 +227,7 @@ def _show_area(axes: Axes, low: Floats, high: Floats) -> None:
 def _draw_map(
     data: ChartData, axes: Axes, world: World, trials: Sequence[DrivenTrial]
 ) -> None:
-    """Draw a world, its moving obstacles and the first tracks of each planner."""
+    """Draw a world, its moving obstacles and up to 12 tracks of each planner."""
     scene = make_scene_if_known(trials[0].entry.source, world)
     drawing.draw_scene(axes, scene, faint=True)
     for number, entry in enumerate(data.entries):

@@ -65,7 +65,7 @@ def draw(
     ax: TargetAxes = None,
     width_mm: float | None = None,
 ) -> list[Axes]:
-    """Draw a chart of the catalog and its legend onto axes or into a new figure.
+    """Draw a chart and legend onto axes or a new figure; return the axes, [] if empty.
 
     Args:
         chart: One of `CHARTS`.
@@ -355,7 +355,7 @@ def report_page(
     links: Mapping[Path, str] = MappingProxyType({}),
     data_folder: Path | None = None,
 ) -> str:
-    """Return the HTML page of a report, with text from files escaped.
+    """Return the HTML page of a report; write its data to `data_folder` if given.
 
     Args:
         report: What `build_report` has computed.
@@ -432,7 +432,7 @@ def _write_part(folder: Path, name: str, content: object) -> None:
 def write_report(
     report: Report, out: Path, title: str, links: Mapping[Path, str]
 ) -> None:
-    """Write the page of a report, with its data in OUT_data if it has many trials.
+    """Write a report's page, data in OUT_data if many; remove an earlier one's data.
 
     Args:
         report: What `build_report` has computed.
