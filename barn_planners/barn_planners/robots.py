@@ -94,7 +94,7 @@ def lidar_mount_changes(config: Checked, lidar: LidarConfig) -> dict[str, float]
 def fit_parameters(
     name: str, preset: str, overrides: Mapping[str, Any], robot: Robot
 ) -> dict[str, Any]:
-    """Return all changes of a preset by dotted name: for a robot, then `overrides`.
+    """Return changes of a preset for a robot, then `overrides`; ConfigError if unfit.
 
     Args:
         name: Name of the planner.

@@ -252,7 +252,7 @@ def _take_round(
     queues: _Queues,
     extent: _Extent,
 ) -> tuple[np.uint64, np.uint64, _Extent]:
-    """Compute potentials of all cells of the current queue, and queue their neighbors.
+    """Compute potentials of current cells, queue neighbors; return new ends and extent.
 
     For speed, indices are unsigned, queueing is inlined, and nothing branches on a
     potential: half of these branches would be mispredicted.

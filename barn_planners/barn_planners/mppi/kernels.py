@@ -282,7 +282,7 @@ def add_align_costs(
     stride: int,
     weight: float,
 ) -> None:
-    """Add to `costs` the weighted mean distance from the path at equal distance driven.
+    """Add to `costs` the weighted mean distance from free path points as far along.
 
     Args:
         costs: Costs (samples,).

@@ -96,7 +96,7 @@ def least_clearance(
     half_length: float,
     half_width: float,
 ) -> float:
-    """Return the least distance in m of points from a rectangular outline on a drive.
+    """Return the least distance in m of points from an outline on a drive; 0 inside it.
 
     Args:
         points: Obstacle points (n, 2) in m in base_link before the drive.

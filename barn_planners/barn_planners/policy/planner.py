@@ -105,7 +105,7 @@ class PolicyPlanner(ScanPlanner):
         return self._encoder.problem(scan)
 
     def drive(self, observation: Observation, goal: Pose2D) -> Decision:
-        """Return the policy's checked command; BLOCKED if invalid, unsafe or stuck.
+        """Return the policy's checked command, STOP if NaN; BLOCKED if unsafe or stuck.
 
         Args:
             observation: Readings that passed all checks.

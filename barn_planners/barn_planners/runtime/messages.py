@@ -50,7 +50,7 @@ class CandidateLines(NamedTuple):
 
 
 def choose_candidates(costs: FloatArray) -> Integers:
-    """Return the indices of at most `MAX_CANDIDATES` candidates, evenly spread.
+    """Return indices of at most 20 candidates, evenly spread, the cheapest among them.
 
     The cheapest one is always among them.
 
@@ -68,7 +68,7 @@ def choose_candidates(costs: FloatArray) -> Integers:
 def select_candidates(
     candidates: FloatArray, costs: FloatArray | None
 ) -> CandidateLines:
-    """Return at most `MAX_CANDIDATES` candidates, evenly spread, with colors.
+    """Return at most 20 candidates of up to 8 points, evenly spread, colored by cost.
 
     Of each, at most `MAX_POINTS` points remain, including both ends.
 
@@ -86,7 +86,7 @@ def select_candidates(
 
 
 def _colors(costs: FloatArray) -> FloatArray:
-    """Return colors (k, 4) by cost: cheapest to costliest, gray if it is inf."""
+    """Return colors (k, 4) from cheapest to costliest, which NaN gets, gray if inf."""
     is_known = np.isfinite(costs)
     shares = np.ones(len(costs))
     if is_known.any():

@@ -85,7 +85,7 @@ class PlannerRuntime:
         return self._start_task()
 
     def set_map(self, occupancy: OccupancyMap) -> bool:
-        """Set the map; return whether that starts a task. An equal map does not.
+        """Set the map if it is used and new; return whether that starts a task.
 
         Without `use_map` the map is ignored.
         """
