@@ -171,7 +171,7 @@ def speed_cap_mps(name: str, config: Checked) -> float:
 def make_planner(
     name: str, preset: str = "challenge", overrides: Mapping[str, Any] | None = None
 ) -> Planner:
-    """Return a new planner, not started; its attribute `config` is its configuration.
+    """Return a new planner, not started, that has `config`; ConfigError if unknown.
 
     Args:
         name: Name of the planner.

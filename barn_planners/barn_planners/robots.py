@@ -51,7 +51,7 @@ def robot_scale(robot: Robot) -> float:
 
 
 def fit_to_robot(config: Checked, robot: Robot) -> dict[str, Any]:
-    """Return the parameters that change for a robot, except its lidar's mount.
+    """Return parameters that change for a robot, not its lidar's mount; {} for Jackals.
 
     Args:
         config: Configuration of a planner for the Jackal.

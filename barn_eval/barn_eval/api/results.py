@@ -171,7 +171,7 @@ class Results:
         return Trial(result, self._source.tracks.get(result.trial_id))
 
     def compare(self, other: Folder | None = None) -> pd.DataFrame:
-        """Compare these results with others or, by default, each pair of their planners.
+        """Compare with other results or by pairs of planners; ConfigError for just one.
 
         Args:
             other: `Results`, a folder, or "FOLDER:PLANNER". By default, the planners of

@@ -49,7 +49,7 @@ class Trial:
         return pd.DataFrame(columns | {"contact": contact})
 
     def to_tum(self, path: str | Path) -> Path:
-        """Write the trajectory in the TUM RGB-D text format (for evo); return the path.
+        """Write the trajectory as TUM text; return the path; ConfigError without one.
 
         Args:
             path: File to write: a line per pose of timestamp [s], x y z [m] and the

@@ -58,7 +58,7 @@ class LazyGroup(click.Group):
         return [*COMMANDS, *_plugins()]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
-        """Import a subcommand's module; return the command, with an example in its help.
+        """Import and return a subcommand, with its example; UsageError if unknown.
 
         Args:
             ctx: Context of the call.

@@ -271,7 +271,7 @@ courses_option = _course_option(
 
 
 def make_console_reporter(quiet: bool, verbose: bool) -> ConsoleReporter:
-    """Return a reporter that writes to standard error, as verbose as -q and -v say.
+    """Return a reporter to standard error by -q and -v; UsageError if both are set.
 
     Raises:
         click.UsageError: If both are set.

@@ -160,7 +160,7 @@ class ActionGoal:
 
 
 def action_class(type_name: str) -> Any:
-    """Return the class of an action by type, such as "nav2_msgs/action/NavigateToPose".
+    """Return the class of an action by type; ConfigError if missing or without a pose.
 
     Raises:
         ConfigError: If it is not installed or its goal has no pose.

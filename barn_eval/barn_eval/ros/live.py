@@ -21,7 +21,7 @@ from barn_worlds.base.errors import ConfigError, convert_os_errors
 def run_observed(
     request: RunRequest, system: Path, *, protocol: str, robot: str, starts: bool
 ) -> list[TrialResult]:
-    """Judge trials in a system as they are driven; return all results of the folder.
+    """Judge one planner's trials in a system; return all of the folder, or ConfigError.
 
     Args:
         request: Its planner, worlds, repetitions, seed, bags and folder.

@@ -310,7 +310,7 @@ class PlannerClient:
         return self._nodes[name]
 
     def _reset(self, spec: TrialSpec) -> None:
-        """Set the planner's seed and call ~/reset, each where the node offers it.
+        """Set the seed, which may be refused; call ~/reset or raise PlannerNotReady.
 
         A refused seed is logged; PlannerNotReady is raised for a refused reset.
         """

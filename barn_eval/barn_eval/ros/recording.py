@@ -182,7 +182,7 @@ def _bag_names(node: Node) -> dict[str, str]:
 
 
 def register_type(type_name: str) -> str:
-    """Register a message type and its parts with rosbags; return what prevents that.
+    """Register a message type with rosbags; return what prevents that, "" if nothing.
 
     Returns:
         What prevents it, as an end to "its type ...", and an empty text if nothing

@@ -57,7 +57,7 @@ class RemoteNode:
         return f"{self.name}/{service}" in (name for name, _ in services)
 
     def await_services(self, services: Sequence[str], limit_s: float) -> None:
-        """Wait until all named services of the node are on the graph.
+        """Wait until all named services of the node are there, or raise ServiceTimeout.
 
         Args:
             services: Names under the node's own.
@@ -119,7 +119,7 @@ class RemoteNode:
         )
 
     def set_parameters(self, values: Mapping[str, Any], limit_s: float) -> None:
-        """Set parameters of the node in one atomic call: all of them or none.
+        """Set all parameters in one call, or none and raise ServiceRefused.
 
         Args:
             values: Values by the names of parameters.
@@ -181,7 +181,7 @@ class RemoteNode:
         limit_s: float,
         call_period_s: float = _CALL_PERIOD_S,
     ) -> Any:
-        """Call a service of the node, again each period until it answers; return that.
+        """Call a service each period until it answers, return that, or ServiceTimeout.
 
         Args:
             service: Name under the node's own.

@@ -150,7 +150,7 @@ class SimulatorServices(RemoteNode):
         values: Mapping[str, Any] | None = None,
         on: bool = False,
     ) -> str:
-        """Make a request of `SimulatorChannel.ask` by calls of ROS services.
+        """Ask by ROS services; return the answer's text, "" but for pause and reset.
 
         Args:
             action: "introduce", "set_parameters", "pause" or "reset".
@@ -251,7 +251,7 @@ class SimulatorClient:
     def await_connections(
         self, scan_subscriptions: int, command_publishers: int
     ) -> bool:
-        """Pause the simulator and wait until it has as many connections as asked.
+        """Pause and wait for connections; False if they do not come, True if unknown.
 
         An endpoint on the graph need not be connected yet, and the first scan of a
         trial must not be lost.

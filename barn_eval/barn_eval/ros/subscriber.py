@@ -83,7 +83,7 @@ class Subscriber:
     def subscribe(
         self, name: str, type_name: str, qos: Qos = RELIABLE, *, judged: bool = True
     ) -> bool:
-        """Subscribe to a topic; replace a subscription of other type or reliability.
+        """Subscribe, replacing another type or reliability; False if not installed.
 
         Args:
             name: Resolved name of the topic.

@@ -310,7 +310,7 @@ class RosTrial:
         return queue
 
     def _await_connections(self) -> None:
-        """Wait until publishers and subscriptions on the graph are connected.
+        """Wait for connections; TrialEnded for judged topics, a note for others.
 
         TrialEnded is raised for topics that the trial is judged by; others get a note.
         """

@@ -337,7 +337,7 @@ class Protocol(Checked):
         return left - edge_m, bottom - edge_m, right + edge_m, top + edge_m
 
     def scaled_to(self, world: World, chassis: Chassis) -> "Protocol":
-        """Return the protocol scaled to world cells, itself for standard robot or cell.
+        """Return the protocol, scaled for another robot or cell; ConfigError if no fit.
 
         Another robot then sees the same course in its own size. Offsets of start and
         goal, the distances that start the clock and end the trial, and the reference

@@ -78,7 +78,7 @@ class Costmap:
         resolution: float,
         origin: tuple[float, float],
     ):
-        """Make a free grid; `origin` is the outer corner (x, y) in m of cell (0, 0).
+        """Make a free grid from outer corner `origin` in m; ConfigError if too large.
 
         Rows lie along y, columns along x; `resolution` is the side of a cell in m.
 

@@ -488,7 +488,7 @@ def edges_cost(
     cos_yaw: float,
     sin_yaw: float,
 ) -> int:
-    """Return the highest cost under a footprint's edges at a pose, as `edge_cost` does.
+    """Return the highest cost under a footprint's edges, -1 if lethal or off the grid.
 
     It takes the parts of `Ground` one by one, because numba counts references to the
     arrays of a tuple each time it takes one out.

@@ -134,7 +134,7 @@ class ElasticBand:
         return kernels.Context(clearance, self._gains, self._work)
 
     def _adopt(self, count: int) -> str:
-        """Make the trial band the band, or return the reason of a negative length."""
+        """Make the trial band the band and return "", or why its length is negative."""
         if count < 0:
             return kernels.REASONS[count]
 

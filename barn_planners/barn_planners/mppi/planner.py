@@ -88,7 +88,7 @@ class MppiController(Controller):
         self._has_samples = False
 
     def control(self, inputs: ControlInput) -> Control:
-        """Sample around the last solution; return the first control of the new one.
+        """Return the solution's first control, STOP at the goal, none if all collide.
 
         If all samples collide or the robot is stuck, there is a reason and no command.
         """
@@ -326,7 +326,7 @@ class _Path:
 
 
 def lowest_cost_in_reach(config: CostmapConfig, resolution: float) -> int:
-    """Return the lowest cost of a cell from which the outline may touch a lethal one.
+    """Return the lowest cost from which an outline may touch a lethal cell; 0 if any.
 
     Args:
         config: Inflation and footprint of the costmap.

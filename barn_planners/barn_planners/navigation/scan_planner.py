@@ -74,7 +74,7 @@ class ScanPlanner(Planner):
 
 
 def scan_points(scan: Scan, lidar: Pose2D, max_range_m: float) -> FloatArray:
-    """Return a scan's valid returns as points (n, 2) in m in base_link.
+    """Return valid returns below `max_range_m` as points (n, 2) in m in base_link.
 
     Args:
         scan: Scan of any number of beams.

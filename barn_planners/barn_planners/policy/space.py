@@ -231,7 +231,7 @@ class ObservationEncoder:
         rows: Indices,
         frames: Vector,
     ) -> None:
-        """Fill the frames of the robots in `rows`, bit for bit as `encode` does.
+        """Fill frames of robots in `rows` as `encode` does; ConfigError if scan is bad.
 
         Args:
             scan: Any scan with the geometry of all of them.

@@ -250,7 +250,7 @@ class PlannerNode(Node):
             self._act(observation)
 
     def _on_goal(self, message: tuple[Header, Pose2D]) -> None:
-        """Set a goal and start its task; log and drop one that cannot be used."""
+        """Set a goal, which may start its task; log and drop one that is not usable."""
         header, goal = message
         problem = goal_problem(goal, header.frame, self._planning_frame)
         if problem:

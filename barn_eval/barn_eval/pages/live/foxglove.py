@@ -40,7 +40,7 @@ class FoxgloveStream:
     """Follows the trials of a results folder and serves them until it is closed."""
 
     def __init__(self, folder: Path, *, host: str, port: int = LIVE_PORT):
-        """Start threads that serve viewers and follow the bags of a folder.
+        """Start threads that serve viewers and follow bags; ConfigError if that fails.
 
         Args:
             folder: Folder of the bags.

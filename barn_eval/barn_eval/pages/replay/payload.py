@@ -162,7 +162,7 @@ def _pose_list(pose: Pose2D | None) -> list[float] | None:
 
 
 def _add_scene(recorded: RecordedTrial, arrays: Arrays) -> dict[str, float] | None:
-    """Add a world's obstacles, walls and path to `arrays`; return their radius.
+    """Add a world's obstacles, walls and path to `arrays`; return their radius or None.
 
     Obstacles that were pushed are added, too. None, and nothing added, without a world.
     """

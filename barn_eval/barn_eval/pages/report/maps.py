@@ -349,7 +349,7 @@ def overlay(
     planners: Sequence[str] = (),
     outcome: str = "",
 ) -> Figure:
-    """Return a figure of one world with the tracks of folders' trials in it.
+    """Return a figure of one world with tracks of folders' trials; ConfigError without.
 
     Args:
         folders: Results folders.

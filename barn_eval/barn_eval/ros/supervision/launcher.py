@@ -260,7 +260,7 @@ class _IsolatedProcess:
         return self.wait(os.WNOHANG)
 
     def wait(self, options: int = 0) -> int | None:
-        """Return the exit code, -N for signal N; waits, unless `options` is WNOHANG."""
+        """Return the exit code, -N for signal N; with WNOHANG, None while it runs."""
         if self.returncode is None and os.waitpid(self.pid, options)[0]:
             text = os.read(self._reader, 4096)
             # A first process that was killed has written nothing.
@@ -331,7 +331,7 @@ def _become_subreaper() -> None:
 
 
 def _stand_by(second: int) -> int:
-    """Wait for the process with PID `second`, then kill all descendants that are left.
+    """Wait for PID `second`, then kill all descendants that are left; return 0.
 
     Returns 0, the exit code.
     """

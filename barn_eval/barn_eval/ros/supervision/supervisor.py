@@ -347,7 +347,7 @@ class _Supervisor:
         self.notice(f"{self._trial} is repeated: {reason}")
 
     def _handle_end(self, process: SupervisedProcess) -> Iterator[TrialRecord]:
-        """Clear up after an ended process; yield the trial that its end costs, if any.
+        """Clear up after an end; yield a trial it costs; ProcessError if never started.
 
         The evaluator is told of the end, or replaced if it was the one.
         """
