@@ -51,7 +51,7 @@ def robot_scale(robot: Robot) -> float:
 
 
 def fit_to_robot(config: Checked, robot: Robot) -> dict[str, Any]:
-    """Return parameters that change for a robot, not its lidar's mount; {} for Jackals.
+    """Return what changes for a robot but for its lidar's mount; {} for the Jackal.
 
     Args:
         config: Configuration of a planner for the Jackal.

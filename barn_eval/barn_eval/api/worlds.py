@@ -274,7 +274,7 @@ def save(
     *,
     movable: bool = False,
 ) -> Path:
-    """Write worlds to a new file or folder in one of seven formats; return its path.
+    """Write worlds to a new path in one of seven formats; BarnError if it exists.
 
     Args:
         worlds: Worlds by their numbers in a data set.
@@ -356,7 +356,7 @@ def _require_new(path: Path) -> None:
 
 
 def resize(worlds: Mapping[int, World], robot: str | Path) -> dict[int, World]:
-    """Return copies of worlds with the same grids and cells scaled to another robot.
+    """Return copies of worlds in a robot's cells; WorldError for walls, movers, arenas.
 
     Paths stay if the robot takes as many cells as before. Otherwise they are planned
     again.

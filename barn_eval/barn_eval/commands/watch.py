@@ -75,7 +75,7 @@ def command(folder: Path, port: int, host: str, live: int | None, wait: bool) ->
 
 @contextmanager
 def serve_view(folder: Path, bags: str) -> Iterator[None]:
-    """Run a child process that serves a run's page and live view during the context.
+    """Serve page and live view from a child in a context; ConfigError without bags.
 
     Args:
         folder: Folder of the run, which need not exist yet.

@@ -281,7 +281,7 @@ class Plot:
     about: str
 
     def save(self, path: str | Path) -> Path:
-        """Write the figure on white to a .svg, .pdf or .png file; return its path.
+        """Write the figure to .svg, .pdf or .png, else ConfigError; return its path.
 
         Raises:
             ConfigError: The ending is another.

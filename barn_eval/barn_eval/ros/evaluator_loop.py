@@ -89,7 +89,7 @@ class EvaluatorLoop:
         self._exits.clear()
 
     def spin(self) -> None:
-        """Run due callbacks and `poll`, note ended processes, and advance `now_s`.
+        """Run callbacks, note exits, advance `now_s`, or raise StopRequested.
 
         It waits 5 ms at most, and asks the supervisor to start ended processes again.
 

@@ -93,7 +93,7 @@ class ObservedSystem:
             loop.poll = self._read_keys
 
     def prepare(self, spec: TrialSpec, start_limit_s: float) -> int:
-        """Have the robot put at a trial's start; store in `origin` where its poses say it is.
+        """Have the robot put at the start, set `origin`; TrialEnded if it is not there.
 
         Args:
             spec: The trial.
@@ -160,7 +160,7 @@ class ObservedSystem:
         return {}
 
     def _reset(self, spec: TrialSpec, limit_s: float) -> None:
-        """Put the robot at the start, or have the operator do it and say so."""
+        """Put the robot at the start, or have the operator do it; may end the trial."""
         start = spec.course.start
         if self.file.reset == OPERATOR:
             self._allow("start", "abort")
@@ -219,7 +219,7 @@ class ObservedSystem:
         return request
 
     def _read_pose(self, since_ns: int) -> Pose2D | None:
-        """Take what has arrived; return the last pose sent after a time, or None."""
+        """Take what has arrived; return the last pose sent since a time, or None."""
         messages: list[Message] = []
         self._subscriber.read(messages.append)
         pose = None

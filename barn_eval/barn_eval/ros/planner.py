@@ -224,7 +224,7 @@ class PlannerClient:
         return {}
 
     def instruct(self, spec: TrialSpec, stamp_ns: int) -> None:
-        """Seed and reset the planner, send map and goal, wait for ~/ready if offered.
+        """Reset the planner, send map and goal, await ~/ready, or raise TrialEnded.
 
         Args:
             spec: The trial.
@@ -330,7 +330,7 @@ class PlannerClient:
                 raise PlannerNotReady(refusal)
 
     def _refusal(self, call: Callable[[], object]) -> str:
-        """Call a service by `call`; return the reason of a refusal, else empty.
+        """Call a service; return why it refused, else ""; PlannerNotReady on silence.
 
         PlannerNotReady is raised if it does not answer.
         """

@@ -81,7 +81,7 @@ class RemoteNode:
     def trigger(
         self, service: str, limit_s: float, call_period_s: float = _CALL_PERIOD_S
     ) -> str:
-        """Call a std_srvs/Trigger service until it answers, and return its message.
+        """Call a Trigger service until it answers; return its message or raise.
 
         Args:
             service: Name under the node's own.

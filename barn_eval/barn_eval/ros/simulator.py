@@ -206,7 +206,7 @@ class SimulatorClient:
         self._dataset = str(dataset.resolve() if dataset.exists() else dataset)
 
     def prepare(self, spec: TrialSpec, start_limit_s: float) -> int:
-        """Pause the simulator, set world, start and seeds of a trial, and reset it.
+        """Pause the simulator, set up and reset a trial; return the time before that.
 
         Args:
             spec: The trial.

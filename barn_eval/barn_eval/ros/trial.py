@@ -370,7 +370,7 @@ class RosTrial:
         ]
 
     def _follow(self, queue: TrialQueue) -> Verdict:
-        """Spin, judge, record, watch and repeat the goal until there is a verdict."""
+        """Spin, judge, record, repeat the goal; return a verdict or TrialEnded."""
         context = self._context
         loop = context.loop
         start_s = time.monotonic()

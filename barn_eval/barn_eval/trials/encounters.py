@@ -47,7 +47,7 @@ class Encounters:
 
     @property
     def hit_at_rest(self) -> bool:
-        """Whether a moving obstacle hit the robot at under 0.05 m/s; False without."""
+        """Whether a moving obstacle hit the robot while that drove below 0.05 m/s."""
         return self.hit_robot_mps is not None and self.hit_robot_mps < AT_REST_MPS
 
     @property

@@ -337,7 +337,7 @@ class Protocol(Checked):
         return left - edge_m, bottom - edge_m, right + edge_m, top + edge_m
 
     def scaled_to(self, world: World, chassis: Chassis) -> "Protocol":
-        """Return the protocol, scaled for another robot or cell; ConfigError if no fit.
+        """Return the protocol, for another than the standard robot scaled to its cells.
 
         Another robot then sees the same course in its own size. Offsets of start and
         goal, the distances that start the clock and end the trial, and the reference
@@ -386,7 +386,7 @@ class Protocol(Checked):
         )
 
     def extend_to(self, world: World, max_speed_mps: float) -> "Protocol":
-        """Return the protocol, limit and failure times raised if a world's course asks.
+        """Return the protocol, limit and failure times raised for a long own course.
 
         Times that count for failures rise with it. The protocol itself is returned for
         worlds without a course of their own, and where its limit is long enough.

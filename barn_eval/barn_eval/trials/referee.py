@@ -155,7 +155,7 @@ class Referee:
         return verdict
 
     def _explain_end(self) -> tuple[Outcome, str]:
-        """Return outcome and text of an ended trial; a fault is SIMULATOR_DIED."""
+        """Return outcome and text of an ended trial; SIMULATOR_DIED for a fault."""
         state = self._state
         protocol = self._protocol
         match state["code"]:

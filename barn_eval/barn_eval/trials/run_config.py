@@ -164,7 +164,7 @@ class PlannerChoice(Checked):
 
     @property
     def entry_text(self) -> str:
-        """"NAME:PRESET" as on the command line, "NAME" without a preset."""
+        """Text NAME:PRESET as on the command line, NAME alone without a preset."""
         # Nothing follows the name of a planner without a preset.
         return f"{self.entry_name}:{self.preset}".removesuffix(":")
 
@@ -332,7 +332,7 @@ class RunConfig(Checked):
         )
 
     def _registry_overrides(self, choice: PlannerChoice, preset: str) -> dict[str, Any]:
-        """Return parameters set by choice and robot; ConfigError for a lidar moved.
+        """Return parameters set by choice and robot; ConfigError if lidars differ.
 
         Raises:
             ConfigError: The choice puts the lidar elsewhere than the simulator does.

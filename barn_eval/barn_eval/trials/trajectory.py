@@ -231,7 +231,7 @@ def measure_trajectory(
 def compute_clearances(
     poses: Floats, cylinders_m: Floats, radius_m: float, outline: Footprint
 ) -> Floats:
-    """Return distances (n,) in m to the nearest cylinder, < 0 inside; () without any.
+    """Return distances (n,) in m to the nearest cylinder, < 0 inside; empty without.
 
     Args:
         poses: Poses (n, 3) of the robot in the frame of the cylinders: x, y m, yaw rad.

@@ -165,7 +165,7 @@ class Costmap:
         self._clear_outside(Window(0, 0, 0, 0))
 
     def clear_outside(self, pose: Pose2D, side_m: float) -> None:
-        """Clear lidar marks outside a square, or all if it is not finite; update costs.
+        """Clear lidar marks outside a square, all if it is not finite; update costs.
 
         Args:
             pose: Center of the square; all marks are cleared if it is not finite.

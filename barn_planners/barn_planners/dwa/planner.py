@@ -73,7 +73,7 @@ class DwaController(Controller):
         self._best = 0
 
     def control(self, inputs: ControlInput) -> Control:
-        """Return the best sample, an escape or none; at plan's end, brake and turn."""
+        """Return the best sample, an escape or none; brake and turn at plan's end."""
         end = Pose2D(*inputs.visible[-1].tolist())
         if inputs.pose.distance(end) > self.config.xy_tolerance_m:
             return self._drive(inputs, end)

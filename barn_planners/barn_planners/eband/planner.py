@@ -102,7 +102,7 @@ class ElasticBand:
     def advance(
         self, pose: Pose2D, ahead: Floats, costmap: Costmap
     ) -> tuple[bool, str]:
-        """Connect the band, append poses, relax; return if appended, and why not.
+        """Connect the band, append poses, relax; return if appended and why not.
 
         Args:
             pose: Pose of the robot in the frame of the costmap.

@@ -130,7 +130,7 @@ class MppiController(Controller):
         return Control(self._pop_command(), diagnostics=figures)
 
     def view(self) -> PlannerView:
-        """Return some sampled trajectories with costs, and the solution's trajectory."""
+        """Return some samples with costs, inf if they collide, and the solution."""
         config = self.config
         if not self._has_samples or config.shown == 0:
             return PlannerView()

@@ -194,7 +194,7 @@ class ObservationEncoder:
         return self._problem
 
     def encode(self, observation: Observation, goal: Pose2D) -> Vector:
-        """Return the frame (frame_size,), float32, of an observation and a goal.
+        """Return the float32 frame (frame_size,); ConfigError for a bad scan.
 
         Args:
             observation: Readings of one control cycle.
@@ -231,7 +231,7 @@ class ObservationEncoder:
         rows: Indices,
         frames: Vector,
     ) -> None:
-        """Fill frames of robots in `rows` as `encode` does; ConfigError if scan is bad.
+        """Fill frames of robots in `rows` as `encode` does; ConfigError for a bad scan.
 
         Args:
             scan: Any scan with the geometry of all of them.

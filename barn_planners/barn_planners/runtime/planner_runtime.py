@@ -103,7 +103,7 @@ class PlannerRuntime:
         self._start_task()
 
     def step(self, observation: Observation) -> RuntimeOutput:
-        """Return a cycle's command and decision, only STOP without task; or TypeError.
+        """Return command and decision; STOP without task, TypeError for no Decision.
 
         Raises:
             TypeError: If the planner's `step` returns no `Decision`.

@@ -50,7 +50,7 @@ def write_replay(
     note: Callable[[str], None] = lambda _: None,
     progress: Progress = lambda _: None,
 ) -> list[Path]:
-    """Draw the trials of bags side by side into .html, .png, .gif and .mp4 files.
+    """Draw bags side by side into files by ending, by default a page; return paths.
 
     Args:
         bags: Bags of 1 to 6 trials, which are shown beside each other.

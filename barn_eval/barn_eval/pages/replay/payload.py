@@ -177,7 +177,7 @@ def _add_scene(recorded: RecordedTrial, arrays: Arrays) -> dict[str, float] | No
 
 
 def _add_moving(recorded: RecordedTrial, arrays: Arrays) -> dict[str, Any] | None:
-    """Add moving obstacles and box walls to `arrays`; return what describes them.
+    """Add moving obstacles and box walls to `arrays`; return how to read them or None.
 
     None, and nothing added, without such obstacles.
     """
@@ -205,7 +205,7 @@ def _grid_list(grid: OccupancyMap, frame: Pose2D) -> list[float]:
 
 
 def _add_scans(recorded: RecordedTrial, arrays: Arrays) -> dict[str, float] | None:
-    """Add ranges of at most 240 beams in whole cm to `arrays`; return their angles.
+    """Add up to 240 beams [cm] to `arrays`; return their angles, None without scans.
 
     None without scans. Scans with another number of beams than the first are left out.
     """

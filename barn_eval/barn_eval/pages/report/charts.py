@@ -397,7 +397,7 @@ def _draw_differences(
     " commands, with 95 % intervals"
 )
 def _sweep(data: ChartData, make_panels: MakePanels) -> Handles:
-    """Draw means over a swept parameter or delay, a panel per measure.
+    """Draw means over a swept parameter or delay; nothing unless 1 or 2 vary.
 
     Lines are of the second parameter's values, else of planners. Nothing is drawn for
     more than two parameters.

@@ -22,7 +22,7 @@ _FIGURES = slice(2, -1 - len(_ORIGIN_COLUMNS))
 
 
 def write_boards(boards: Sequence[Board], path: Path) -> None:
-    """Write all boards into one file, as Markdown (.md) or as an HTML page (.html).
+    """Write all boards into one file, .md or .html; ConfigError for other endings.
 
     Args:
         boards: One per protocol, class and set of worlds, from `make_boards`.

@@ -131,7 +131,7 @@ def _draw_maps(
     make_panels: MakePanels,
     layout: Panels,
 ) -> Sequence[Line2D]:
-    """Draw a map of each world with tracks of its trials; return legend entries.
+    """Draw a map of each world with its tracks; return legend entries, () if none.
 
     `layout` gets the rows and the height that the maps need.
     """
@@ -397,7 +397,7 @@ def overlay(
 def select_trials(
     entries: Sequence[Entry], world: int, planners: Sequence[str], outcome: str
 ) -> tuple[list[DrivenTrial], World]:
-    """Return trials in one world that have a track, and that world.
+    """Return tracked trials in one world, and that world; ConfigError without any.
 
     Args:
         entries: Planners of results folders.

@@ -84,7 +84,7 @@ def draw(
     layouts: list[Panels] = []
 
     def make_panels(layout: Panels) -> list[Axes]:
-        """Return the caller's axes or those of a new figure, kept in `panels`."""
+        """Return the caller's axes, ConfigError if miscounted, or a new figure's."""
         count = layout.rows * layout.columns
         if ax is not None:
             panels.extend([ax] if isinstance(ax, Axes) else ax)

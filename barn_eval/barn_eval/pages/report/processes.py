@@ -19,7 +19,7 @@ _jobs: Sequence[Callable[[], Any]] = ()
 
 
 def run_forked(jobs: Sequence[Callable[[], Any]], progress: Progress) -> list[Any]:
-    """Run jobs in forks of this process, one per core, and return their results.
+    """Run jobs in up to 8 forks; return results in order; BarnError if one is killed.
 
     Forks inherit the jobs and everything that these refer to, so only results are
     pickled. They end with this process, even if it is killed.

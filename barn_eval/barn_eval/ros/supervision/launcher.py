@@ -147,7 +147,7 @@ def _enter_namespaces() -> None:
 
 
 def _mount_views(results: str, command: list[str]) -> bool:
-    """Mount a /proc of this PID namespace, and hide the folder of results.
+    """Hide the results and mount a /proc of the namespace; return False if refused.
 
     Args:
         results: The folder, empty for none.

@@ -197,7 +197,7 @@ def name_robot(config: SimulatorConfig, folder: Path) -> str:
 def planner(
     choice: PlannerChoice, run: RunConfig, goal: Pose2D | None = None
 ) -> NodeProcess:
-    """Return the planner's process to start: the user's command, or a suite's node.
+    """Return the planner's process, a command or node; ConfigError without its goal.
 
     Args:
         choice: The planner.

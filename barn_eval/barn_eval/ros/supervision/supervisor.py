@@ -391,7 +391,7 @@ class _Supervisor:
     def _handle_lost_evaluator(
         self, process: SupervisedProcess
     ) -> Iterator[TrialRecord]:
-        """Plan another evaluator; repeat the driving trial or yield its failure.
+        """Plan another evaluator, at most two; repeat the trial or yield its failure.
 
         A trial that drove beside a planner without isolation is not repeated: the
         planner may have ended the evaluator. It counts as interference.
