@@ -274,7 +274,7 @@ def save(
     *,
     movable: bool = False,
 ) -> Path:
-    """Write worlds to a new path in one of seven formats; BarnError if it exists.
+    """Write worlds to a new path in one of seven formats; return it or raise BarnError.
 
     Args:
         worlds: Worlds by their numbers in a data set.
@@ -316,7 +316,7 @@ def save(
 def _write_original_layout(path: Path, worlds: Mapping[int, World]) -> None:
     """Write worlds and metrics in the original layout; WorldError if it lacks a part.
 
-    Raises WorldError for walls, moving obstacles and arenas.
+    Walls, moving obstacles and arenas are what it lacks.
     """
     for world in worlds.values():
         if _has_metric_content(world):

@@ -277,7 +277,7 @@ def execute(
 def _run_observed(
     system: Path, options: dict[str, Any], as_json: bool, show_all: bool
 ) -> int:
-    """Judge trials of the system in a file, print all results, return the exit code."""
+    """Judge trials of a system, print all, return exit code; ConfigError if no ROS."""
     problem = ros_problem()
     if problem:
         raise ConfigError(f"--system: {problem}; install ROS 2 for this Python")

@@ -210,9 +210,7 @@ class ReportFigure(NamedTuple):
 
 
 def finish_figure(figure: Figure, name: str, about: str) -> ReportFigure:
-    """Return a figure as SVG, page element and PDF; fix its layout, whiten its ground.
-
-    Its layout stays what it is then.
+    """Return a figure as SVG, page element and PDF; fix its layout, make it white.
 
     Args:
         figure: What is drawn; made within `style`, so that its sizes fit.
@@ -306,10 +304,7 @@ class Plot:
 
 
 def plain_text(text: str) -> str:
-    """Return text as one line of up to 40 characters without math, "-" if none is left.
-
-    It has no mathematics and no line breaks.
-    """
+    """Return text as one line of up to 40 characters without math, "-" for none."""
     # A label comes from a folder's name, in which a dollar would begin mathematics.
     line = " ".join(text.split()).replace("$", r"\$")
     if len(line) > _MAX_TEXT_LENGTH:

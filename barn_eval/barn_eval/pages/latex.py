@@ -86,7 +86,8 @@ def _find_best(
 ) -> set[str]:
     """Return the best planners by a measure, not clearly worse; empty if that is all.
 
-    There is none for a measure without a better direction, and for a single planner.
+    There is none, either, for a measure without a better direction, and for a single
+    planner.
     """
     if not measure.better or len(groups) < 2:
         return set()

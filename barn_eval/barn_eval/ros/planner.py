@@ -312,7 +312,7 @@ class PlannerClient:
     def _reset(self, spec: TrialSpec) -> None:
         """Set the seed, which may be refused; call ~/reset or raise PlannerNotReady.
 
-        A refused seed is logged; PlannerNotReady is raised for a refused reset.
+        Each is done only where the node offers it. A refused seed is logged.
         """
         node = self._node
         limit_s = self._patience.service_s
@@ -330,10 +330,7 @@ class PlannerClient:
                 raise PlannerNotReady(refusal)
 
     def _refusal(self, call: Callable[[], object]) -> str:
-        """Call a service; return why it refused, else ""; PlannerNotReady on silence.
-
-        PlannerNotReady is raised if it does not answer.
-        """
+        """Call a service; return why it refused, else ""; PlannerNotReady if silent."""
         try:
             call()
         except ServiceRefused as error:

@@ -310,10 +310,7 @@ class RosTrial:
         return queue
 
     def _await_connections(self) -> None:
-        """Wait for connections; TrialEnded for judged topics, a note for others.
-
-        TrialEnded is raised for topics that the trial is judged by; others get a note.
-        """
+        """Wait for connections; TrialEnded for judged topics, a note for others."""
         context = self._context
         loop = context.loop
         subscriber = context.subscriber

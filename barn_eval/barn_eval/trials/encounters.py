@@ -54,8 +54,7 @@ class Encounters:
     def not_at_fault(self) -> bool:
         """Whether a hit robot was at rest or had below a tenth of the closing speed.
 
-        The robot was at rest or had less than a tenth of the closing speed. False
-        without a contact.
+        False without a contact.
         """
         share = self.hit_robot_share
         return self.hit_at_rest or (share is not None and share < INNOCENT_SHARE)
@@ -190,8 +189,7 @@ def _first_hit(
 def _standing_gap(poses: Floats, world: World, outline: Footprint) -> float:
     """Return the least distance in m from poses to cylinders and walls, 0 to infinity.
 
-    Infinite without cylinders and walls. Poses (n, 3) are x, y m, yaw rad in the map
-    frame.
+    Poses (n, 3) are x, y m, yaw rad in the map frame.
     """
     cylinder_gaps = compute_clearances(
         poses, world.cylinders_m, world.cylinder_radius_m, outline

@@ -78,8 +78,8 @@ class PoseRule(Checked):
     def scaled_to(self, scale: float, first_column_m: float) -> "PoseRule":
         """Return the rule, scaled; y from the map's origin keeps to the first column.
 
-        Anchors and yaw stay. A y from the map's origin keeps its scaled distance from
-        the first column of obstacles.
+        Anchors and yaw stay. That y keeps its scaled distance from the first column of
+        obstacles.
 
         Args:
             scale: Size of the world's cells by that of standard cells.
@@ -337,7 +337,7 @@ class Protocol(Checked):
         return left - edge_m, bottom - edge_m, right + edge_m, top + edge_m
 
     def scaled_to(self, world: World, chassis: Chassis) -> "Protocol":
-        """Return the protocol, for another than the standard robot scaled to its cells.
+        """Return the protocol; for other robots than the standard, scaled to cells.
 
         Another robot then sees the same course in its own size. Offsets of start and
         goal, the distances that start the clock and end the trial, and the reference
@@ -421,11 +421,10 @@ class Protocol(Checked):
         return self.reference_speed_mps / 4.0
 
     def ranking_metric(self, world: World, max_speed_mps: float) -> str:
-        """Return the metric; a challenge one may give way to "efficiency" in a world.
+        """Return the metric; "efficiency" for challenge on own courses or slow robots.
 
         The optimal time is made for the course of the challenge and for a robot that
-        can reach its speed. On courses of a world's own, and for slow robots, the
-        efficiency takes its place.
+        can reach its speed.
 
         Args:
             world: World of the trial.

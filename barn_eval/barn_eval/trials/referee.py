@@ -92,8 +92,6 @@ class Referee:
     ) -> Verdict | None:
         """Judge readings unless the trial has ended; return its verdict or None.
 
-        Readings after a verdict are ignored.
-
         Args:
             stamp_ns: Time of the readings.
             odometry: Measured pose in the odom frame, which starts at the start pose.
@@ -118,8 +116,7 @@ class Referee:
     def command(self, command: Velocity2D) -> Verdict | None:
         """End the trial for a non-finite or too fast command; return verdict or None.
 
-        A command that is not finite, or faster than the declared speed cap forward or
-        backward, ends the trial.
+        Speed counts against the declared cap, forward and backward. Nothing is sent.
         """
         if self.verdict is not None:
             return self.verdict

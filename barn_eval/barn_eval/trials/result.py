@@ -177,8 +177,6 @@ def challenge_metric(
 ) -> float | None:
     """Return optimal over clipped time; 0 for a failure, None if the first is unknown.
 
-    None for a success where the optimal time is unknown.
-
     Args:
         verdict: How the trial ended.
         optimal_time_s: Length of the course at the reference speed, None if unknown.
@@ -293,7 +291,7 @@ class WallClock:
     ) -> "WallClock":
         """Return a copy with `pace` and, if FREE or DECLARED, the assumed computer.
 
-        The latter is set only in the modes FREE and DECLARED, after an answer.
+        The computer needs an answer, too.
 
         Args:
             pace: Reference seconds per second of this machine.

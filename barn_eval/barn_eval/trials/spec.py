@@ -121,7 +121,7 @@ class TrialSpec:
     def speed_cap_mps(self) -> float | None:
         """Declared speed cap in m/s, at most the robot's limit; None if unknown.
 
-        None if unknown: of a planner that declares none and that the suite neither
+        It is unknown of a planner that declares none and that the suite neither
         configures nor holds to the robot's limit.
         """
         limit = self.simulator.drive.max_speed_m_s
@@ -139,8 +139,7 @@ class TrialSpec:
     def clearances(self, poses: Floats) -> Floats:
         """Return distances (n,) in m to the nearest cylinder, below 0 in an overlap.
 
-        Below 0 where they overlap, empty without cylinders. Walls and moving obstacles
-        do not count.
+        Empty without cylinders. Walls and moving obstacles do not count.
 
         Args:
             poses: Poses (n, 3) of the robot in the map frame: x, y m, yaw rad.

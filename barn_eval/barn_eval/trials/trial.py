@@ -117,8 +117,7 @@ class Deadline:
     def installed(self) -> Iterator[None]:
         """Limit calls by SIGALRM in a context in the main thread; elsewhere do nothing.
 
-        Outside the main thread nothing is limited. The earlier handler comes back at
-        the end.
+        The earlier handler comes back at the end.
         """
         with signal_handler(signal.SIGALRM, self._check) as armed:
             self._armed = armed

@@ -372,7 +372,7 @@ def _has_known_versions(run_file: RunFile) -> bool:
 
 
 def _check_all(trials: Sequence[TrialEvidence]) -> Iterator[TrialCheck]:
-    """Check trials, in one process per CPU, and yield their checks as they finish."""
+    """Check trials, a process per CPU; yield checks as they finish, failed if lost."""
     waiting = deque(trials)
     running = 0
     processes = min(ExecutionConfig().processes, len(trials))

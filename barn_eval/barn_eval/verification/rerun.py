@@ -225,7 +225,7 @@ def drive_by_planner(spec: TrialSpec, row: TrialResult) -> str:
 def replay_trial(spec: TrialSpec, readings: Readings) -> RunningTrial:
     """Judge readings and commands anew; return the trial, maybe without a verdict.
 
-    The trial has no verdict if the readings do not end it.
+    It has none if the readings do not end it.
 
     Args:
         spec: The trial.

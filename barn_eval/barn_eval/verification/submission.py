@@ -70,7 +70,7 @@ _RERUNS = 3
 
 
 def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderCheck:
-    """Write a folder without problems as one file and return the check, or raise.
+    """Write a sound folder as one file, return the check; FindingError for a problem.
 
     Equal results give equal bytes.
 
@@ -227,7 +227,7 @@ def verify(path: str | Path, folder: str | Path) -> tuple[FolderCheck, dict[str,
 def _find_impostors(config: RunConfig, rows: Rows) -> Iterator[str]:
     """Drive up to 3 random trials per registered planner again; yield differences.
 
-    The trials are drawn at random, so that a submitter cannot know them.
+    A submitter cannot know which trials are drawn.
     """
     specs = {spec.trial_id: spec for spec in config.trials()}
     for planner in config.planners:

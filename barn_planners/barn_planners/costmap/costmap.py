@@ -118,8 +118,6 @@ class Costmap:
     def update(self, pose: Pose2D, scan: Scan, lidar: Pose2D) -> None:
         """Clear beams, mark hits, clear footprint, update costs; nothing if not finite.
 
-        Nothing changes if a coordinate or an angle is not finite.
-
         Args:
             pose: Pose of base_link in the frame of the grid when the scan was taken.
             scan: Scan of the lidar.

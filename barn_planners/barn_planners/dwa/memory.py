@@ -44,8 +44,6 @@ class GoalTurn:
     ) -> Control:
         """Return a command to brake, then turn; STOP once aligned; none if refused.
 
-        If `allows` refuses the command, there is a reason and no command.
-
         Args:
             inputs: Input of the cycle.
             goal: Goal in the frame of the input.

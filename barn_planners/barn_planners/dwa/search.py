@@ -232,8 +232,7 @@ def _cost(
 ) -> float:
     """Return a sample's cost, its row filled in; -1 if not allowed or over `limit`.
 
-    It is -1 if the sample is not allowed or costs more than the limit. The row then has
-    TOUCHES or NO_WAY, or its cost stays unknown.
+    At -1, the row has TOUCHES or NO_WAY, or its cost stays unknown.
     """
     weights = rules.weights
     steps = step_count(row[SPEED], row[TURN], rules.motion)

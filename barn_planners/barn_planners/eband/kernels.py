@@ -340,8 +340,8 @@ def _write_nodes(
 def connect_front(band: Floats, n: int, pose: Pose, context: Context) -> int:
     """Begin a band at the robot, dropping passed bubbles; return its length or a code.
 
-    If there is none, the gap to the first bubble is filled. Follows the front half of
-    `EBandPlanner::addFrames` (add_front).
+    If the robot overlaps none, the gap to the first bubble is filled. Follows the front
+    half of `EBandPlanner::addFrames` (add_front).
 
     Args:
         band: Band to change.

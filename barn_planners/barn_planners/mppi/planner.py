@@ -90,7 +90,7 @@ class MppiController(Controller):
     def control(self, inputs: ControlInput) -> Control:
         """Return the solution's first control, STOP at the goal, none if all collide.
 
-        If all samples collide or the robot is stuck, there is a reason and no command.
+        If all samples collide or the robot is stuck, there is a reason instead.
         """
         config = self.config
         pose = inputs.pose

@@ -52,8 +52,6 @@ class CandidateLines(NamedTuple):
 def choose_candidates(costs: FloatArray) -> Integers:
     """Return indices of at most 20 candidates, evenly spread, the cheapest among them.
 
-    The cheapest one is always among them.
-
     Args:
         costs: Costs (k,), as in `PlannerView`.
     """
@@ -70,7 +68,7 @@ def select_candidates(
 ) -> CandidateLines:
     """Return at most 20 candidates of up to 8 points, evenly spread, colored by cost.
 
-    Of each, at most `MAX_POINTS` points remain, including both ends.
+    The cheapest is among them, and both ends of each.
 
     Args:
         candidates: Trajectories (k, n, 2) in m.

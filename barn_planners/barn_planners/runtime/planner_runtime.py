@@ -85,10 +85,7 @@ class PlannerRuntime:
         return self._start_task()
 
     def set_map(self, occupancy: OccupancyMap) -> bool:
-        """Set the map if it is used and new; return whether that starts a task.
-
-        Without `use_map` the map is ignored.
-        """
+        """Set the map if it is used and new; return whether that starts a task."""
         if not self._use_map:
             return False
         # A latched map comes again with each new publisher.

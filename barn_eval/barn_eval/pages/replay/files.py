@@ -197,7 +197,6 @@ def draw_views(
     """Yield RGB frames of a camera at trial times [s]; ConfigError without a world.
 
     With oversampling, frames are drawn that many times as large, for smooth edges.
-    ConfigError if the world is unknown.
     """
     scene = recorded.scene
     if scene is None:

@@ -164,7 +164,7 @@ def _pose_list(pose: Pose2D | None) -> list[float] | None:
 def _add_scene(recorded: RecordedTrial, arrays: Arrays) -> dict[str, float] | None:
     """Add a world's obstacles, walls and path to `arrays`; return their radius or None.
 
-    Obstacles that were pushed are added, too. None, and nothing added, without a world.
+    Obstacles that were pushed are added, too. Nothing is added without a world.
     """
     scene = recorded.scene
     if scene is None:
@@ -179,7 +179,7 @@ def _add_scene(recorded: RecordedTrial, arrays: Arrays) -> dict[str, float] | No
 def _add_moving(recorded: RecordedTrial, arrays: Arrays) -> dict[str, Any] | None:
     """Add moving obstacles and box walls to `arrays`; return how to read them or None.
 
-    None, and nothing added, without such obstacles.
+    Nothing is added without such obstacles.
     """
     moving = recorded.moving
     if moving is None:
@@ -207,7 +207,7 @@ def _grid_list(grid: OccupancyMap, frame: Pose2D) -> list[float]:
 def _add_scans(recorded: RecordedTrial, arrays: Arrays) -> dict[str, float] | None:
     """Add up to 240 beams [cm] to `arrays`; return their angles, None without scans.
 
-    None without scans. Scans with another number of beams than the first are left out.
+    Scans with another number of beams than the first are left out.
     """
     if not recorded.scans:
         return None

@@ -399,8 +399,7 @@ def _draw_differences(
 def _sweep(data: ChartData, make_panels: MakePanels) -> Handles:
     """Draw means over a swept parameter or delay; nothing unless 1 or 2 vary.
 
-    Lines are of the second parameter's values, else of planners. Nothing is drawn for
-    more than two parameters.
+    Lines are of the second parameter's values, else of planners.
     """
     parameters = sweep_parameters(data.entries)
     if len(parameters) not in (1, 2):

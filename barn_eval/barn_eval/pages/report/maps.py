@@ -349,7 +349,7 @@ def overlay(
     planners: Sequence[str] = (),
     outcome: str = "",
 ) -> Figure:
-    """Return a figure of one world with tracks of folders' trials; ConfigError without.
+    """Return a figure of one world with tracks of folders' trials; ConfigError if none.
 
     Args:
         folders: Results folders.

@@ -331,10 +331,7 @@ def _become_subreaper() -> None:
 
 
 def _stand_by(second: int) -> int:
-    """Wait for PID `second`, then kill all descendants that are left; return 0.
-
-    Returns 0, the exit code.
-    """
+    """Wait for PID `second`, then kill all descendants that are left; return 0."""
     # The sockets are the second's: none may stay open because of this process.
     os.closerange(3, os.sysconf("SC_OPEN_MAX"))
     for number in _ENDING_SIGNALS:
