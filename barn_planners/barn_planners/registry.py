@@ -121,7 +121,7 @@ def planner_entry(name: str) -> PlannerEntry:
 def planner_config(
     name: str, preset: str = "challenge", overrides: Mapping[str, Any] | None = None
 ) -> Any:
-    """Return a planner's preset, or its only one, with `overrides`; or ConfigError.
+    """Return a planner's preset, or its only one, with `overrides`; or raise.
 
     Args:
         name: Name of the planner.

@@ -84,10 +84,9 @@ def paper_table(
 def _find_best(
     groups: RowsByPlanner, summaries: Mapping[str, Summary], measure: Measure
 ) -> set[str]:
-    """Return the best planners by a measure, not clearly worse; empty if that is all.
+    """Return the planners not clearly worse than the best; empty if all are or for one.
 
-    There is none, either, for a measure without a better direction, and for a single
-    planner.
+    A measure without a better direction has none.
     """
     if not measure.better or len(groups) < 2:
         return set()

@@ -80,7 +80,7 @@ class TrialAdapter:
         self._collision = True
 
     def take(self, tick: Tick) -> list[Message]:
-        """Decode and judge a tick's messages; return those that belong to the trial.
+        """Judge a tick's messages; return those of the trial, none after a verdict.
 
         Args:
             tick: A complete tick.

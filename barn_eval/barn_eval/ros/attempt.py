@@ -115,7 +115,7 @@ def connect(graph: Graph) -> Attempt:
 def _choose(
     topic: Topic, endpoints: Iterable[Endpoint], internal: Collection[str] = ()
 ) -> str:
-    """Return the name under which a planner has a topic, empty if it has none.
+    """Return the planner's topic most like one by type and name, "" if it has none.
 
     Args:
         topic: The topic.
@@ -221,7 +221,7 @@ def _listening() -> Iterator[Node]:
 def _await_graph(
     process: SupervisedProcess, view: GraphView, node: Node, processes: int
 ) -> Graph:
-    """Return the planner's endpoints once it has a command topic and they stay equal.
+    """Return the planner's endpoints once steady with commands, at its end or in 6 s.
 
     It returns earlier if the planner ends, and after a limit in any case. A launch file
     is complete once all its processes are there.

@@ -192,9 +192,7 @@ class EvaluatorLoop:
         return missing
 
     def restart(self, process: str, limit_s: float) -> None:
-        """Ask the supervisor to restart a process; return at its end or after the limit.
-
-        Without a supervisor, nothing happens.
+        """Have the supervisor, if any, restart a process; wait for its end or limit.
 
         Args:
             process: "planner" or "simulator".

@@ -387,10 +387,9 @@ class Watchdog:
         return None
 
     def _describe_slowness(self, now: "_PaceWindow") -> str:
-        """Return how slow the planner was over 60 s, empty if it was fast enough.
+        """Return how slow the planner was over a full 60 s, "" if fast or not full.
 
         A full window is judged by wall-clock per simulated time, and a new one begins.
-        A window that is not full yet goes on, with an empty string.
         """
         start = self._window
         duration_s = now.time_s - start.time_s

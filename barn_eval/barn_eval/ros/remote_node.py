@@ -181,7 +181,7 @@ class RemoteNode:
         limit_s: float,
         call_period_s: float = _CALL_PERIOD_S,
     ) -> Any:
-        """Call a service each period until it answers, return that, or ServiceTimeout.
+        """Call a service until it answers; return that or raise ServiceTimeout.
 
         Args:
             service: Name under the node's own.

@@ -133,7 +133,7 @@ class TickSequencer:
             yield self._open.popleft()
 
     def _first_is_complete(self) -> bool:
-        """Return whether a tick is there, and acknowledged, after the next scan's."""
+        """Return whether later ticks show that the oldest can get no more messages."""
         if len(self._open) <= _MOST_OPEN_TICKS and self._lacks_command():
             return False
         for tick, next_tick in pairwise(islice(self._open, 1, None)):

@@ -367,7 +367,7 @@ class RosTrial:
         ]
 
     def _follow(self, queue: TrialQueue) -> Verdict:
-        """Spin, judge, record, repeat the goal; return a verdict or TrialEnded."""
+        """Spin, judge, record, repeat the goal to a verdict, or raise TrialEnded."""
         context = self._context
         loop = context.loop
         start_s = time.monotonic()

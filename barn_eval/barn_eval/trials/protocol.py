@@ -76,7 +76,7 @@ class PoseRule(Checked):
         )
 
     def scaled_to(self, scale: float, first_column_m: float) -> "PoseRule":
-        """Return the rule, scaled; y from the map's origin keeps to the first column.
+        """Return the rule scaled; y from the map keeps its gap to the first column.
 
         Anchors and yaw stay. That y keeps its scaled distance from the first column of
         obstacles.

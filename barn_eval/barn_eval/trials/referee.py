@@ -64,7 +64,7 @@ class Referee:
 
     @property
     def clock_started(self) -> bool:
-        """Whether the robot has moved far enough for the trial's clock to start."""
+        """Whether the clock has started, by motion or, if so ruled, with the goal."""
         return bool(self._state["clock_started"])
 
     @property

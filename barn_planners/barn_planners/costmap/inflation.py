@@ -209,10 +209,10 @@ def refresh(layers: Layers, by_front: bool) -> None:
 
 @kernel
 def _find_changes(layers: Layers, boxes: Integers, distance: int) -> int:
-    """Write half-open boxes around cells that became or ceased to be lethal.
+    """Write half-open boxes around changed cells; return how many, 1 if too many.
 
-    Boxes lie at least `distance` cells apart. Returns their number. If they are too
-    many, a single one covers the bounds.
+    These became or ceased to be lethal. Boxes lie at least `distance` cells apart. If
+    they are too many, one covers the bounds.
     """
     bounds = layers.marks.bounds
     count = 0
@@ -241,9 +241,10 @@ def _find_changes(layers: Layers, boxes: Integers, distance: int) -> int:
 def _add_to_boxes(
     boxes: Integers, count: int, row: int, col: int, distance: int
 ) -> int:
-    """Extend the first box within `distance` cells of a cell, or add one if possible.
+    """Extend the first near box by a cell, or add one if possible; return the count.
 
-    Returns the number of boxes, one more than there is room for if the cell needs one.
+    Near is within `distance` cells. The count is one more than there is room for if the
+    cell needs a box.
     """
     for k in range(count):
         box = boxes[k]

@@ -205,7 +205,7 @@ def start_wavefront(front: Wavefront, walls: Bytes, seeds: Integers) -> None:
 
 @kernel
 def steps_to(front: Wavefront, cell: int) -> int:
-    """Spread a wavefront to a cell; return its 4-connected steps from the nearest seed.
+    """Spread a wavefront to a cell; return its steps from a seed, UNREACHED if no way.
 
     Args:
         front: Wavefront, which spreads to the cell.

@@ -202,7 +202,7 @@ def measure(band: Floats, n: int, clearance: Clearance) -> int:
 
 @kernel
 def bridge(context: Context, first: int, last: int, count: int) -> int:
-    """Link two nodes, with new ones halfway until neighbors overlap; return the count.
+    """Link two nodes by new ones halfway until they overlap; return count or a code.
 
     Follows `EBandPlanner::fillGap` without its recursion.
 

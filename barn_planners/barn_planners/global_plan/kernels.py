@@ -142,9 +142,9 @@ def _queue(
     value: float,
     end: np.uint64,
 ) -> np.uint64:
-    """Append `neighbor` to the queue if its potential can fall enough below `present`.
+    """Append `neighbor` to the queue if it can gain from `value`; return the new end.
 
-    Returns the new end of the queue.
+    It gains if its potential can fall enough below `present`.
     """
     can_gain = present > value + gains[costs[neighbor]]
     waits = np.uint8(can_gain) & np.uint8(pending[neighbor] == 0)

@@ -74,7 +74,7 @@ class Synchronizer:
         return self._complete(is_overtaken=False)
 
     def add_scan(self, scan: Scan) -> list[Observation]:
-        """Store a scan; return the 0 to 2 observations that it completes, oldest first.
+        """Store a scan, forget all if time ran back; return the 0 to 2 observations.
 
         The scan before it is dropped if it still lacks a reading.
 

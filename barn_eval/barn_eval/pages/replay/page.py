@@ -122,7 +122,7 @@ def outcome_at(recorded: RecordedTrial, time_s: float) -> str:
 
 
 def list_facts(recorded: RecordedTrial) -> dict[str, str]:
-    """Return a trial's outcome, scores and seeds by name; just one without a result."""
+    """Return outcome, scores and seeds by name, outcome alone if there is no result."""
     result = recorded.result
     if not result:
         return {"outcome": "not in the bag"}

@@ -148,7 +148,7 @@ def plot(
     ax: TargetAxes = None,
     width_mm: float | None = None,
 ) -> list[Axes]:
-    """Draw a chart of the catalog by name; return its axes, or ConfigError if none.
+    """Draw a chart of the catalog by name; return its axes; ConfigError if nothing.
 
     Args:
         name: Name of the chart in the catalog.

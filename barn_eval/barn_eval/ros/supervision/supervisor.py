@@ -347,7 +347,7 @@ class _Supervisor:
         self.notice(f"{self._trial} is repeated: {reason}")
 
     def _handle_end(self, process: SupervisedProcess) -> Iterator[TrialRecord]:
-        """Clear up after a process; yield a trial that its end costs, or ProcessError.
+        """Clear up after a process; yield a trial that its end costs, or raise.
 
         The evaluator is told of the end, or replaced if it was the one.
         """
@@ -391,7 +391,7 @@ class _Supervisor:
     def _handle_lost_evaluator(
         self, process: SupervisedProcess
     ) -> Iterator[TrialRecord]:
-        """Plan another evaluator; repeat the trial, yield its failure or ProcessError.
+        """Plan another evaluator; repeat the trial, yield its failure or raise.
 
         A trial that drove beside a planner without isolation is not repeated: the
         planner may have ended the evaluator. It counts as interference.
