@@ -59,6 +59,6 @@ def test_the_page_on_metrics_quotes_the_card():
         in section
     )
     ceiling = float(
-        re.search(r"highest R2 that these trials allow is ([\d.]+)", card)[1]
+        re.search(r"allows an R2 of at most ([\d.]+)", card)[1]
     )
     assert f"the trials themselves allow {100 * ceiling:.0f} %" in section
