@@ -147,7 +147,7 @@ def compare(
     label_b: str = "",
     keys: Sequence[str] = COMPARED,
 ) -> Comparison:
-    """Compare two planners' results on the trials that both have, by several measures.
+    """Compare planners on shared trials, p_holm unadjusted; BarnError if unpaired.
 
     Args:
         a: Results of A.
@@ -250,7 +250,7 @@ def compare_folders(
     progress: Callable[[float], None] = lambda _: None,
     selections: Sequence[Selection] = (),
 ) -> list[Comparison]:
-    """Read one or two results folders and compare their planners pair by pair.
+    """Compare planners of one or two folders pair by pair, adjusted by Holm.
 
     If both folders hold several planners and none is selected, planners of the same name
     are compared and their labels name the folder.
@@ -376,7 +376,7 @@ def label_groups(selections: Sequence[Selection]) -> RowsByPlanner:
 
 
 def trial_values(results: Rows, measure: Measure) -> TrialValues:
-    """Return one planner's values with worlds, repetitions and any penalties as arrays.
+    """Return a planner's values (NaN for none), worlds and penalties as arrays.
 
     The arrays are in the order of the results. A value is NaN if the trial has none, or
     if it failed and the measure is of successes only.
@@ -453,7 +453,7 @@ def require_pairs(a: Rows, b: Rows) -> None:
 
 
 def trial_places(results: Rows) -> dict[tuple[int, int], int]:
-    """Return the index of each trial by world and repetition."""
+    """Return the index of each trial by (world, repetition), the last if repeated."""
     worlds = column(results, "world").tolist()
     repetitions = column(results, "repetition").tolist()
     keys = zip(worlds, repetitions, strict=True)

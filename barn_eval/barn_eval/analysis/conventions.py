@@ -65,7 +65,7 @@ class Place:
 
 
 def rank_by_convention(paths: Sequence[Path], convention: Convention) -> list[Place]:
-    """Rank planners by their number of counted trials, then by their mean time.
+    """Rank planners, except the reference, by counted trials, then by mean time.
 
     Args:
         paths: Results folders of one task, including those of the reference.
@@ -174,7 +174,7 @@ def _successes_s(rows: Rows) -> list[float]:
 
 
 def select_timely(rows: Rows, window_s: float) -> Rows:
-    """Return the rows whose trials ended in the window, or whose start is unknown.
+    """Return rows that ended within `window_s` of the first start; all if 0 or unknown.
 
     Args:
         rows: Attempts of one planner at one course.

@@ -82,7 +82,7 @@ def order_worlds(entries: Sequence[Entry]) -> WorldOrder:
 
 
 def make_bands(entries: Sequence[Entry], order: WorldOrder) -> list[Band]:
-    """Split ordered worlds into up to four bands and summarize each entry in each.
+    """Split ordered worlds into up to four bands with summaries; [] below six worlds.
 
     Args:
         entries: Planners whose results are summarized.

@@ -85,7 +85,7 @@ class BoardClass(NamedTuple):
 
 
 def board_class(entry: Entry) -> BoardClass:
-    """Return the class in which an entry is ranked.
+    """Return the class in which an entry is ranked; ConfigError for several protocols.
 
     Raises:
         ConfigError: If its trials have several protocols.

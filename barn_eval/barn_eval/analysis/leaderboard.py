@@ -282,7 +282,7 @@ def configuration_hash(source: Source, planner: str) -> str:
 def group_by_common_trials(
     entries: Iterable[Entry], least_share: float = _LEAST_SHARE
 ) -> list[TrialGroup]:
-    """Group entries so that all entries of a group have some trial in common.
+    """Group entries by common trials; each joins the first group that keeps enough.
 
     Args:
         entries: Results of one planner each, under one protocol.

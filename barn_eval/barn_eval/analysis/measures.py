@@ -193,7 +193,7 @@ def with_moving_measures(keys: Sequence[str], *groups: Rows) -> tuple[str, ...]:
 
 
 def require_measures(names: Sequence[str]) -> tuple[str, ...]:
-    """Check that measure keys are in the catalog; return them without repetitions.
+    """Return measure keys without repetitions; ConfigError if one is unknown.
 
     Raises:
         ConfigError: If the catalog lacks one of them.

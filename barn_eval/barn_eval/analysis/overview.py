@@ -96,7 +96,7 @@ def analyze(
     run: Callable[[Jobs], list[Any]],
     keys: Sequence[str] = (),
 ) -> Overview:
-    """Compute a report's summaries, comparisons, difficulty bands and conclusion.
+    """Compute a report's figures in jobs that `run` calls; compare at most 45 pairs.
 
     Args:
         entries: Planners of one task, at least one.
@@ -146,7 +146,7 @@ def analyze(
 
 
 def conclude_bands(entries: Sequence[Entry], bands: Sequence[Band]) -> dict[str, str]:
-    """Return by band name a sentence on which planner leads in the band's worlds.
+    """Return by band name a sentence on which planner leads; {} for one planner.
 
     The tests of all bands share one correction (Holm).
 

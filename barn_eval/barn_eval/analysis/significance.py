@@ -58,7 +58,7 @@ class Components:
 
 
 def variance_components(values: Floats, worlds: Integers) -> Components:
-    """Return the variances between and within worlds, by ANOVA (Searle 1971).
+    """Return variances between worlds (NaN for one world) and within, by ANOVA.
 
     With one trial per world, all variance counts as variance between worlds.
 
@@ -146,10 +146,7 @@ class Share:
         return float(low), float(high)
 
     def p_above(self, share: float) -> float:
-        """Return the two-sided p-value of the hypothesis that the true share is `share`.
-
-        `share` must be above the observed share.
-        """
+        """Return the two-sided p-value of a true share of `share`, above the observed."""
         if share >= 1.0:
             return 0.0
         successes = self.share * self.effective
@@ -179,7 +176,7 @@ def share_of(values: Floats | Integers, worlds: Integers) -> Share:
 
 
 def proportion(successes: Integers, worlds: Integers) -> Interval:
-    """Return the share of trials with a 1, and Wilson's 95 % interval over worlds.
+    """Return the share of trials with a 1; limits by Wilson, None below two worlds.
 
     The quantile is Student's with one degree of freedom fewer than worlds (Franco et
     al. 2019, "Comparative study of confidence intervals for proportions in complex
@@ -240,7 +237,7 @@ def effective_trials(
 def paired_difference(
     differences: Floats, worlds: Integers, flips: int = FLIPS
 ) -> Difference:
-    """Return the mean of A - B with interval and p-value from flips of worlds' signs.
+    """Return the mean of A - B, p by sign flips, and limits, None for few worlds.
 
     If A and B are equal, the sum of each world has either sign with equal probability,
     so the test is exact for any distribution. The interval holds the shifts that the
@@ -319,7 +316,7 @@ def p_text(p: float) -> str:
 
 @lru_cache(maxsize=4)
 def sign_patterns(worlds: int, flips: int) -> Floats:
-    """Return an array (m, worlds) of +1 and -1; its first row, the data, is all +1.
+    """Return cached patterns (m, worlds) of +1 and -1; the first, the data, is all +1.
 
     The patterns are cached, because all measures of a comparison have the same worlds.
 

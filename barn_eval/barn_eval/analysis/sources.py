@@ -148,7 +148,7 @@ class Source:
 
 
 def read_source(path: Path, rows: Rows | None = None) -> Source:
-    """Read run.json and scored rows of a results folder, finished or not, or a table.
+    """Return a table, or a folder's run.json and scored rows, in the run's order.
 
     Args:
         path: The folder, or a table file.
@@ -213,7 +213,7 @@ def cap_result(result: TrialResult, cap_mps: float, period_s: float) -> TrialRes
 
 
 def _fastest_commands(source: Source) -> dict[str, float]:
-    """Return the fastest command [m/s] of each planner without a declared speed cap.
+    """Return planners' fastest command [m/s] if no cap is declared; {} if observed.
 
     Planners without kept commands, or with only zero commands, are left out.
     """
@@ -308,7 +308,7 @@ def group_by_planner(results: Rows) -> RowsByPlanner:
 def select_planners(
     path: Path, groups: RowsByPlanner, names: Sequence[str]
 ) -> RowsByPlanner:
-    """Return the results of the named planners, or of all if no name is listed.
+    """Return results of named planners, of all without names; ConfigError if unknown.
 
     Args:
         path: The folder, for messages.

@@ -62,10 +62,7 @@ class TrialValues:
         return len(self.failures) > 0
 
     def mean(self) -> Interval:
-        """Return the mean of finite values; its 95 % limits are None below two worlds.
-
-        Limits are clipped to possible values.
-        """
+        """Return the finite values' mean, clipped 95 % limits, None below two worlds."""
         finite = np.flatnonzero(np.isfinite(self.values))
         # Rounding depends on the order of a sum, and workers finish trials in any
         # order.
@@ -143,7 +140,7 @@ class TrialValues:
 
 
 def mean_interval(values: Floats, worlds: Integers) -> Interval:
-    """Return the mean of all trials with 95 % limits that allow for skewness.
+    """Return the finite values' mean, skewed 95 % limits, None below two worlds.
 
     The limits are Student's, of the mean's linearization as a ratio, with Hall's
     transformation (1992, "On the removal of skewness by transformation").
@@ -243,7 +240,7 @@ class Paired:
 
 
 def repetition_spread(values: Floats, worlds: Integers) -> float:
-    """Return the mean over worlds of the standard deviation of a world's trials.
+    """Return the mean over worlds of trials' deviation; NaN if no world has two.
 
     This is the paper's +- (Sec. IV): the divisor is n, and worlds with one trial do not
     count. The mean is NaN if no world has two trials.
@@ -371,7 +368,7 @@ def compare_pairs(a: TrialValues, b: TrialValues, *, larger_is_better: bool) -> 
 def rank_correlation(
     a: tuple[Floats, Integers], b: tuple[Floats, Integers], seed: int = 0
 ) -> Interval:
-    """Return Spearman's correlation of two planners' world means, with its interval.
+    """Return Spearman's correlation of world means, limits; NaN below three worlds.
 
     Args:
         a: Values of A and the numbers of their worlds, each (n,).

@@ -134,7 +134,7 @@ class RunSummary:
 
 
 def summarize(results: Rows, keys: Sequence[str] = SCORED, label: str = "") -> Summary:
-    """Return counts, success rate, means and spread of one planner's results.
+    """Return a planner's counts, spread, and means of success and measures `keys`.
 
     Args:
         results: Results of the planner; there may be none.
@@ -204,7 +204,7 @@ class Bars(NamedTuple):
 
 
 def make_bars(entries: Sequence[Entry]) -> Bars:
-    """Return the data of a bar chart by the ranking measure, the best planner first.
+    """Return bars by the ranking measure on common trials, the best planner first.
 
     The axis ends at the limit of the measure, or else at the longest bar.
     """
@@ -240,10 +240,7 @@ def make_bars(entries: Sequence[Entry]) -> Bars:
 
 
 def common_trials(groups: Sequence[Rows]) -> list[Rows]:
-    """Return each planner's results in the worlds and repetitions that all have.
-
-    If there are none, all results are returned.
-    """
+    """Return planners' results in trials that all have; all results if there are none."""
     # Otherwise a planner with only easy worlds so far would seem to lead.
     keys = [trial_places(rows).keys() for rows in groups]
     shared = set.intersection(*map(set, keys)) or set().union(*keys)

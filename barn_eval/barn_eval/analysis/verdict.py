@@ -111,7 +111,7 @@ class Ranking:
 def rank_results(
     results: RowsByPlanner, measure: Measure, comparisons: Sequence[Comparison] = ()
 ) -> Ranking:
-    """Rank planners by a measure over trials for which all have a value.
+    """Rank planners by a measure on common trials; ConfigError if tasks differ.
 
     Args:
         results: Results by planner, of at least one.

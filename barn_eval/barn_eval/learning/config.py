@@ -89,7 +89,7 @@ class UnknownArgumentError(ConfigError, TypeError):
 
 
 def configure(config: EnvConfig | None, changes: Mapping[str, object]) -> EnvConfig:
-    """Return a configuration changed by keyword arguments, as `gymnasium.make` does.
+    """Return a configuration changed by keywords; ConfigError if one is unknown.
 
     Args:
         config: Configuration to start from; by default `EnvConfig()`.

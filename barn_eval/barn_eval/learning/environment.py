@@ -64,7 +64,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         fitted_dataset: Dataset | None = None,
         **changes: object,
     ):
-        """Make an environment.
+        """Load data set, robot and protocol; BarnError unless they fit; begin no trial.
 
         Args:
             config: What the environment is; the default is `EnvConfig()`.
@@ -174,7 +174,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
     def step(
         self, action: npt.NDArray[np.floating]
     ) -> tuple[Vector, float, bool, bool, Info]:
-        """Drive for one control period by an action (2,) from -1 to 1, and judge.
+        """Drive by an action (2,) from -1 to 1 and judge; ResetNeeded after the end.
 
         Args:
             action: Action (2,), as of `barn_planners.policy.space`.
@@ -210,7 +210,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         )
 
     def is_terminal(self) -> bool:
-        """Return whether success, collision or an invalid command ended the trial.
+        """Return whether success, contact, world's edge or a bad command ended it.
 
         False for ends that truncate, such as time limits, and while the trial runs.
         """
@@ -226,10 +226,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
             self._top_view.extend_trail(self._episodes)
 
     def render(self) -> Bytes | None:
-        """Return an RGB picture (height, width, 3) from above; None if not rendered.
-
-        It is None without a render mode and before `reset`.
-        """
+        """Return an RGB picture (height, width, 3), None without mode or episode."""
         if self._episodes is None or self._top_view is None:
             return None
         return self._top_view.draw(self._episodes)
@@ -267,7 +264,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         )
 
     def _fit_safety(self, safety: CollisionCheckConfig) -> CollisionCheckConfig:
-        """Return the collision check fitted to the robot and its lidar's mount.
+        """Return the check fitted to robot and lidar; ConfigError for another mount.
 
         Raises:
             ConfigError: If the check names another mount.
@@ -393,7 +390,7 @@ class JackalVectorEnv(SyncVectorEnv):
     def step(
         self, actions: npt.NDArray[np.floating]
     ) -> tuple[npt.NDArray[Any], Floats, Bools, Bools, Info]:
-        """Drive all robots one control period by actions (n, 2); begin due episodes.
+        """Drive all robots for one step by actions (n, 2); begin due episodes.
 
         Args:
             actions: Actions (n, 2), as of `barn_planners.policy.space`.

@@ -106,7 +106,7 @@ class Episodes:
         )
 
     def begin(self, index: int, spec: TrialSpec, path: Floats) -> None:
-        """Put robot `index` at the start of a trial; `observe` reads its first sensors.
+        """Put robot `index` at a trial's start, unread; ConfigError if cells differ.
 
         Args:
             index: Robot that drives it.
@@ -158,7 +158,7 @@ class Episodes:
         self._path_lengths[index] = len(path)
 
     def _require_equal_rules(self, index: int, spec: TrialSpec) -> None:
-        """Raise ConfigError if another robot's protocol, scaled to cells, differs."""
+        """Raise ConfigError if worlds of this and another robot differ in cell size."""
         # The others agreed with each other when they began, so one of them is enough.
         for other_index, other in self._trials.items():
             if other_index == index:
@@ -182,7 +182,7 @@ class Episodes:
         self._encode(rows)
 
     def _read(self, rows: Integers) -> None:
-        """Read the sensors of `rows` into `readings`, and their poses."""
+        """Read the sensors of `rows`, and poses, which are localized with a map."""
         if len(rows) == 0:
             return
         self.batch.read(rows)
@@ -225,7 +225,7 @@ class Episodes:
         self._is_new[new] = False
 
     def judge(self, rows: Integers) -> list[int]:
-        """End episodes of some robots by their last readings; return the ended rows.
+        """Judge the last readings of rows; stop and return those that have ended.
 
         Args:
             rows: Robots that have moved or begun.

@@ -37,7 +37,7 @@ class PlannerCycles:
         self._scan_ns = config.scan_steps * nanoseconds(config.control_period_s)
 
     def start(self, stamp_ns: int) -> int | None:
-        """Return the command's delay [ns] if a cycle starts at this instant, else None.
+        """Start a cycle if due and return its command's delay [ns], or return None.
 
         A cycle starts if the instant has a scan and the planner is free. The caller then
         asks the planner.
@@ -86,7 +86,7 @@ def _are_exact(finished: FinishedTrial) -> bool:
 
 
 def parse_commands_line(line: str, where: str) -> tuple[str, Floats]:
-    """Return trial name and commands (n, 2), unpacked, from a line of commands.jsonl.
+    """Return (trial name, commands (n, 2), NaN for none); ConfigError if invalid.
 
     Args:
         line: The line without its checksum.
@@ -111,7 +111,7 @@ def parse_commands_line(line: str, where: str) -> tuple[str, Floats]:
 def count_equal_commands(
     trials: Iterable[tuple[Hashable, str, str]],
 ) -> Counter[tuple[str, str]]:
-    """Count by pair of planners the trials in which their commands are nearly equal.
+    """Count trials with nearly equal commands by planner pair; skip damaged lines.
 
     Args:
         trials: A key that compared trials share, such as the world; name of the planner;

@@ -94,7 +94,7 @@ class ResultsFolder:
         isolation: str = "",
         overwrite: bool = False,
     ) -> "Iterator[ResultsFolder]":
-        """Begin or resume a run in a folder, which stays locked during the context.
+        """Lock a folder, begin or resume its run, and delete what does not count.
 
         This writes run.json and removes rows that do not count, and tracks and commands
         of trials without a row. If no row counts, or with `overwrite`, everything that
@@ -169,7 +169,7 @@ class ResultsFolder:
         return take(results, np.argsort([self._places[name] for name in trial_ids]))
 
     def append(self, record: TrialRecord) -> None:
-        """Append commands, track and, last, row of a trial, each synced to the disk.
+        """Append a trial's commands, track and, last, row, synced; ValueError if twice.
 
         Raises:
             StoreError: If another folder has taken the place of this one.
@@ -223,7 +223,7 @@ class ResultsFolder:
         return len(re.findall(r"^\d{4}-\d\d-\d\dT", text, re.MULTILINE))
 
     def complete(self) -> Rows:
-        """Write the result tables, sort tracks.jsonl, and return all rows.
+        """Write tables, sort tracks.jsonl, return all rows; ValueError if one misses.
 
         Raises:
             ValueError: If a trial has no result.
@@ -292,7 +292,7 @@ class CompletedTrials:
 
 
 def find_previous(path: Path) -> RunFile | None:
-    """Return a results folder's run.json, or None if the folder is empty or missing.
+    """Return a folder's run.json, None if empty; ConfigError if it has other files.
 
     Raises:
         ConfigError: If the folder holds anything else.
@@ -309,7 +309,7 @@ def find_previous(path: Path) -> RunFile | None:
 def find_completed(
     run_file: RunFile, specs: Sequence[TrialSpec], *, overwrite: bool = False
 ) -> CompletedTrials:
-    """Return sessions and scored rows that a run's folder already has.
+    """Return this run's sessions and scored rows, none if `overwrite`, or ConfigError.
 
     Args:
         run_file: Expected content of the folder's run.json.
@@ -408,7 +408,7 @@ def default_folder() -> Path:
 
 
 def read_results(path: Path) -> Rows:
-    """Return the scored rows of a run's folder in the order in which trials ended.
+    """Return a run's scored rows as trials ended; ConfigError if none or another task.
 
     The run may be unfinished.
 
@@ -425,7 +425,7 @@ def read_results(path: Path) -> Rows:
 
 
 def select_scored(run_file: RunFile, rows: Rows) -> Rows:
-    """Return the rows that count: without failures of simulator or environment.
+    """Return rows that failed by no outside fault; ConfigError if of another task.
 
     Args:
         run_file: The folder's run.json.

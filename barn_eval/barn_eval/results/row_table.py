@@ -86,7 +86,7 @@ class RowTable(Sequence[TrialResult]):
     __hash__ = None  # type: ignore[assignment]  # as of a list
 
     def __init__(self, table: pa.Table, positions: Integers | None = None) -> None:
-        """Refer to rows of a table.
+        """Refer to the table's rows at `positions`, all if None; nothing is copied.
 
         Args:
             table: Columns by dotted name, such as "scores.success".
@@ -156,12 +156,12 @@ class RowTable(Sequence[TrialResult]):
         return path in self._table.column_names
 
     def column(self, path: str) -> Any:
-        """Return a column as an array (n,), with NaN for missing numbers."""
+        """Return a column as an array (n,), NaN or None for missing values."""
         return _as_array(self._table[path])[self._positions]
 
 
 def column(rows: Rows, path: str) -> Any:
-    """Return a field's value of each row as an array (n,), NaN for missing ones.
+    """Return a field of each row as an array (n,), NaN or None for missing values.
 
     Args:
         rows: Any rows. A table returns its column without making row objects.
@@ -189,7 +189,7 @@ def take(rows: Rows, positions: Integers | Bools) -> Rows:
 
 
 def join(parts: Sequence[Rows]) -> Rows:
-    """Return the rows of all parts, as a table if they are in tables."""
+    """Return the rows of all parts: a table if all are tables, else a tuple."""
     if all(isinstance(part, RowTable) for part in parts):
         return RowTable.join(typing.cast("Sequence[RowTable]", parts))
     return tuple(chain.from_iterable(parts))
@@ -266,7 +266,7 @@ def _are_finite(values: pa.Array) -> bool:
 
 
 def _as_array(values: pa.ChunkedArray) -> Any:
-    """Return a column as an array (n,), with NaN for missing numbers."""
+    """Return a column as an array (n,); missing numbers are NaN, missing texts None."""
     # `to_numpy` would import pandas, which takes half a second and 50 MB.
     if pa.types.is_dictionary(values.type):
         array = values.combine_chunks()

@@ -83,7 +83,7 @@ class RowFile:
         write_parts_durably(self.path, lines)
 
     def read(self) -> RowTable:
-        """Return all rows in file order; none if there is no file.
+        """Return all rows in file order, none without a file; ConfigError if damaged.
 
         A last line that a kill cut off is left out.
 
@@ -130,7 +130,7 @@ class RowParser:
             return ""
 
     def parse(self, line: str, where: str) -> TrialResult:
-        """Return the row in a line of results.jsonl.
+        """Return the row in a line, of any readable schema; ConfigError if it has none.
 
         Args:
             line: The line without its checksum.
@@ -161,7 +161,7 @@ class TrialLines(Mapping[str, str]):
     """
 
     def __init__(self, path: Path):
-        """Find and check all lines of a file, except a last one that a kill cut off.
+        """Find and check all lines, except a torn last one; ConfigError if damaged.
 
         Args:
             path: tracks.jsonl or commands.jsonl, which need not exist.
@@ -208,7 +208,7 @@ class TrialLines(Mapping[str, str]):
         return os.pread(self._descriptor, size, start)
 
     def arrange(self, trial_ids: Iterable[str]) -> None:
-        """Rewrite the file with one line for each of `trial_ids`, in their order.
+        """Rewrite the file with the last line of each of `trial_ids` that has one.
 
         The file then no longer shows in which order trials ended. Do not use this object
         afterwards.
@@ -254,7 +254,7 @@ def unseal_line(line: str, where: str) -> str:
 
 
 def append_line(path: Path, line: str) -> None:
-    """Append a line with its checksum to a .jsonl file and sync it to the disk.
+    """Append a line with its checksum, in place of a torn one, and sync it to the disk.
 
     Args:
         path: File of rows, tracks or commands, which has one writer.
@@ -364,7 +364,7 @@ def csv_bytes(table: pa.Table) -> bytes:
 
 
 def _columns(record: Any) -> Iterator[tuple[str, pa.DataType]]:
-    """Yield (name, Arrow type) for a dataclass's columns, with records flattened."""
+    """Yield (name, Arrow type) of a record's flattened fields, except `_NO_COLUMNS`."""
     for item in record_fields(record):
         if item.name in _NO_COLUMNS:
             continue

@@ -41,7 +41,7 @@ class BagStore:
 
     @contextmanager
     def recorder(self, trial_id: str) -> Iterator[Recorder | None]:
-        """Yield a recorder for a trial's new bag, or None if the run keeps no bags.
+        """Yield a recorder for a trial, whose old bag is deleted; None without bags.
 
         An earlier bag of the trial is deleted. A bag that is not finished in the context
         keeps its partial name.

@@ -32,7 +32,7 @@ def is_table_file(path: Path) -> bool:
 
 
 def read_table_file(path: Path) -> list[TrialResult]:
-    """Return the rows of a table file; values that it lacks are NaN or None.
+    """Return a table's rows, NaN or None for what it lacks; ConfigError if invalid.
 
     Raises:
         ConfigError: If a column is missing or unknown, or a value is not allowed.
@@ -67,7 +67,7 @@ def read_table_file(path: Path) -> list[TrialResult]:
 
 
 def _csv_trials(path: Path, lines: list[str]) -> Iterator[tuple[str, dict[str, str]]]:
-    """Yield ("FILE, line N", values by column) for each row of a CSV file."""
+    """Yield ("FILE, line N", texts by column) for each row; ConfigError if wrong."""
     rows = csv.reader(lines)
     columns = [name.strip().lower() for name in next(rows, [])]
     if not {*_REQUIRED} <= {*columns} <= {*COLUMNS}:
@@ -87,7 +87,7 @@ def _csv_trials(path: Path, lines: list[str]) -> Iterator[tuple[str, dict[str, s
 def _challenge_trials(
     path: Path, lines: list[str]
 ) -> Iterator[tuple[str, dict[str, str]]]:
-    """Yield ("FILE, line N", values by column) for each line of out.txt.
+    """Yield ("FILE, line N", texts by column) for each line; ConfigError if wrong.
 
     The planner is named after the file.
     """

@@ -158,7 +158,7 @@ class Track:
 
     @cached_property
     def packed(self) -> dict[str, Any]:
-        """JSON-ready data: samples, rounded and compressed, contact, steps, note."""
+        """JSON-ready data as read from a file, or packed now with rounded samples."""
         if self.content is not None:
             return {key: self.content[key] for key in _PACKED}
         steps = self.steps
@@ -247,7 +247,7 @@ def track_line(finished: FinishedTrial) -> str | None:
 
 
 def parse_trial_line(line: str, where: str, what: str) -> tuple[str, dict[str, Any]]:
-    """Return (trial name, JSON object) of a line of a .jsonl file.
+    """Return (trial name, JSON object) of a line; ConfigError if it names no trial.
 
     Args:
         line: The line without its checksum.
@@ -265,7 +265,7 @@ def parse_trial_line(line: str, where: str, what: str) -> tuple[str, dict[str, A
 
 
 def parse_track_line(line: str, where: str) -> tuple[str, Track]:
-    """Return trial name and track from a line of tracks.jsonl.
+    """Return (trial name, track) of a line of tracks.jsonl; ConfigError if it is none.
 
     Args:
         line: The line without its checksum.

@@ -51,9 +51,7 @@ def hash_command_files(words: Sequence[str]) -> dict[str, str]:
 
 
 def hash_folder(folder: Path) -> str:
-    """Return one SHA-256 of all files below a folder and their names.
-
-    Bytecode and what is hidden, such as .git, do not count.
+    """Return one SHA-256 of a folder's files and names, except bytecode and hidden.
 
     Raises:
         ConfigError: If a file is too large or cannot be read.
@@ -80,7 +78,7 @@ def find_parameter_files(folder: Path, planner: str) -> list[Path]:
 
 
 def read_node_parameters(folder: Path, planner: str) -> dict[str, str]:
-    """Return the parameters of a planner's nodes as texts, from all its trials' logs.
+    """Return a planner's node parameters as texts by "NODE NAME", from all its logs.
 
     Args:
         folder: Folder of logs.
@@ -100,7 +98,7 @@ def read_node_parameters(folder: Path, planner: str) -> dict[str, str]:
 
 
 def write_node_parameters(folder: Path, logs: Path, planner: str, text: str) -> None:
-    """Write parameters of a planner's nodes as JSON; refuse those that have changed.
+    """Write a planner's node parameters as JSON; ConfigError if one has changed.
 
     Args:
         folder: Folder of all logs of the run.

@@ -55,7 +55,7 @@ _THREAD = "thread-self"  # in /proc
 def run_direct_trial(
     spec: TrialSpec, recorder: Recorder | None = None, planner: Planner | None = None
 ) -> FinishedTrial:
-    """Run one trial in this process to its verdict; return the finished trial.
+    """Run one trial in this process to its verdict; finish its bag; return the trial.
 
     Args:
         spec: The trial.
@@ -107,7 +107,7 @@ def run_direct_trial(
 
 
 def warm_up(spec: TrialSpec, *, with_planner: bool) -> None:
-    """Run simulator, referee and planner for a few cycles, once per process.
+    """Compile kernels in a few cycles, once per process; ignore the planner's errors.
 
     This compiles their kernels and keeps the machine code on disk, where ROS nodes find
     it: on a new machine, they would otherwise compile for longer than anybody waits for
@@ -162,7 +162,7 @@ class _DirectTrial:
         )
 
     def run(self) -> Verdict:
-        """Run simulator and planner until the referee has a verdict; return it."""
+        """Run the trial until a verdict and return it; simulator errors are one too."""
         spec = self._spec
         trial = self.trial
         simulator = Simulator(
@@ -216,7 +216,7 @@ class _DirectTrial:
         self._runtime.set_goal(self._spec.goal)
 
     def _decide(self, sensors: Sensors) -> tuple[Velocity2D | None, int]:
-        """Ask the planner; return its command, None without one, and its delay [ns]."""
+        """Ask the planner, report its answer; return (command or None, delay [ns])."""
         # Without a map a planner has nothing to be localized in.
         pose = sensors.odometry.pose
         if self._spec.protocol.map_given:
@@ -272,7 +272,7 @@ class _DirectTrial:
 
 
 def _make_plain(answer: RuntimeOutput) -> RuntimeOutput:
-    """Return an answer whose command, status and plan are copies of plain types.
+    """Return an answer as copies of plain types; TypeError if its command has another.
 
     A planner's own types could compute or fail when they are read, after its cycle.
 
@@ -309,15 +309,12 @@ def reference_loop() -> float:
 
 @cache
 def pace() -> float:
-    """Return reference seconds per second of this processor, measured once per process.
-
-    A faster processor has a pace above 1.
-    """
+    """Return this processor's speed over the reference's, above 1 if faster; cached."""
     return measure_pace(time.thread_time)
 
 
 def measure_pace(clock: Callable[[], float]) -> float:
-    """Return reference seconds per second of `clock`, from the fastest of some loops.
+    """Return the speed by `clock` over the reference computer's, above 1 if faster.
 
     Args:
         clock: Returns seconds of processor time: what other processes take from a
@@ -335,7 +332,7 @@ class CycleTime(NamedTuple):
     waited_s: float  # by its own doing: a sleep, a graphics card, another thread
 
     def reference_s(self, pace: float) -> float:
-        """Return the time in s that the cycle takes on the reference computer.
+        """Return the cycle's time in s on the reference computer; waits are not scaled.
 
         A sleep is as long on any processor, so waiting is not scaled.
 

@@ -125,7 +125,7 @@ def judge(
     *,
     overwrite: bool = False,
 ) -> tuple[RunRequest, Rows]:
-    """Judge the trials of bags, and write rows and tracks as a run does.
+    """Judge trials of one system's bags; write a run's folder; return run and rows.
 
     Args:
         bags: The bags, of one system.
@@ -196,7 +196,7 @@ def _system_of(drive: ObservedDrive, options: JudgeOptions) -> System:
 
 
 def _split(drive: ObservedDrive) -> Iterator[Segment]:
-    """Yield the segments of a drive, one from each goal to the next, or the whole.
+    """Yield a drive's segments, one per goal, or the whole; BagError below two poses.
 
     A segment ends before the next goal. BagError if one has fewer than two poses.
     """
@@ -221,7 +221,7 @@ def _identify(
     options: JudgeOptions,
     earlier: Sequence[Segment],
 ) -> Segment:
-    """Return a copy of a segment with data set, world, planner and repetition set.
+    """Return a segment with data set, world, planner and an unused repetition set.
 
     Args:
         segment: The segment.
@@ -266,7 +266,7 @@ def _plan(
     system: System,
     segments: Sequence[Segment],
 ) -> RunRequest:
-    """Return the run whose trials are the segments; it keeps worlds from bags."""
+    """Return the run of the segments; ConfigError if they are of several data sets."""
     datasets = sorted({segment.dataset for segment in segments})
     if len(datasets) > 1:
         raise ConfigError(
@@ -303,7 +303,7 @@ def _plan(
 
 
 def _unknown_world(segment: Segment, course: Sequence[float], robot: Robot) -> World:
-    """Return a world of which nothing is known but start and goal, in the poses' frame.
+    """Return a world of start and goal alone, in the poses' frame; BagError if no goal.
 
     Args:
         segment: The segment, which begins at the start.

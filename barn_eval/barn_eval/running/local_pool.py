@@ -43,7 +43,7 @@ class LocalPool(WorkerPool):
     """
 
     def __init__(self, work: Work, workers: int, trial_limit_s: float):
-        """Prepare the pool; no process starts yet.
+        """Prepare the pool, start no process; ConfigError if work cannot be pickled.
 
         Args:
             work: What workers do with jobs.
@@ -221,7 +221,7 @@ class _Worker:
         return False
 
     def excuse(self, gap_s: float) -> None:
-        """Move the deadline later by a time in which the process stood still [s].
+        """Move the deadline later by a standstill [s], in all by about the time limit.
 
         Altogether, that is no more than about the time limit.
         """
@@ -230,7 +230,7 @@ class _Worker:
             self._excused_s += gap_s
 
     def extend(self) -> bool:
-        """Move the deadline once, by the time limit, if the machine was slow.
+        """Move the deadline once, by the limit, if the machine was slow; tell if moved.
 
         That is: it withheld a processor or stood still.
 

@@ -21,7 +21,7 @@ _SPEED_CAP = "max_speed_mps"
 def read_planners(
     entries: Any, commands: Sequence[str], where: str
 ) -> list[PlannerChoice]:
-    """Return a run's planners from their list and from commands that start some.
+    """Return planners from a list and commands; the default one if there are neither.
 
     Args:
         entries: Texts as in `read_planner` joined by commas, or a list of those,
@@ -61,7 +61,7 @@ def read_planners(
 
 
 def pop_texts(content: dict[str, Any], option: str, where: str) -> list[str]:
-    """Remove an option and return its texts as a list, [] without the option.
+    """Remove an option and return its texts, [] without it; ConfigError for others.
 
     Args:
         content: Options by name, changed in place.
@@ -96,7 +96,7 @@ def package_command(text: str) -> str:
 def give_inputs(
     planners: Sequence[PlannerChoice], inputs: Sequence[str], where: str
 ) -> list[PlannerChoice]:
-    """Return copies of planners with texts for their standard input.
+    """Return planners with texts for standard input; ConfigError if a text fits none.
 
     Args:
         planners: The planners of a run.
@@ -135,7 +135,7 @@ def _set_command(planners: list[PlannerChoice], name: str, command: str) -> None
 
 
 def read_planner(entry: Any, where: str) -> PlannerChoice:
-    """Return the planner of an entry: a text, a mapping or a choice.
+    """Return the planner of "[NAME=]PLANNER[:PRESET]", of a mapping, or of a choice.
 
     Args:
         entry: "NAME", "NAME:PRESET", "NEW_NAME=NAME:PRESET" for a planner that is filed
@@ -173,10 +173,7 @@ def rename_planner(planner: PlannerChoice, name: str) -> PlannerChoice:
 
 
 def parse_planner_command(text: str) -> tuple[str, str]:
-    """Return planner name and command of "NAME=COMMAND" or "COMMAND".
-
-    Without NAME, the name is that of the script, module or node.
-    """
+    """Return (name, command) of "NAME=COMMAND", or "COMMAND" named after its script."""
     match = _NAMED_COMMAND.fullmatch(text)
     if match:
         return match[1], match[2]
@@ -184,7 +181,7 @@ def parse_planner_command(text: str) -> tuple[str, str]:
 
 
 def name_planner(command: str) -> str:
-    """Return a name for a planner from its command's script, module or node.
+    """Return a name for a command's planner; ConfigError if the suite has that name.
 
     Raises:
         ConfigError: If the command is empty, or the name is one of the registry's.
@@ -222,7 +219,7 @@ def name_planner(command: str) -> str:
 
 
 def split_command(command: str) -> list[str]:
-    """Return a planner command's words as a shell splits them, at least one.
+    """Return a command's words as a shell splits them; ConfigError if there are none.
 
     Raises:
         ConfigError: If it has none, or its quotes do not match.
@@ -241,7 +238,7 @@ def split_command(command: str) -> list[str]:
 def apply_parameters(
     planners: Sequence[PlannerChoice], parameters: Mapping[str, Any], where: str
 ) -> tuple[PlannerChoice, ...]:
-    """Return copies of planners with parameters added to, or replacing, their own.
+    """Return planners with parameters over their own; ConfigError if a key is unknown.
 
     Args:
         planners: The planners of a run.
@@ -305,7 +302,7 @@ def _has_parameter(planner: str, key: str) -> bool:
 def _set_parameters(
     planner: PlannerChoice, parameters: Mapping[str, Any], where: str
 ) -> PlannerChoice:
-    """Return a planner with these overrides instead of its own.
+    """Return a planner with these overrides only; speed cap, compute keys are fields.
 
     Speed cap (of a planner that a command starts) and "compute.KEY" become its fields.
     """

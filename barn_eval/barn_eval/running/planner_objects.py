@@ -37,7 +37,7 @@ class PlannerObject:
     source: PlannerSource
 
     def make_planner(self) -> Planner:
-        """Return a new instance of a class, else the object or function as planner.
+        """Return a new instance of a class, the object, or a wrapped function.
 
         Raises:
             BarnError: If the class cannot be instantiated.
@@ -74,7 +74,7 @@ class FunctionPlanner(Planner):
         self._task = task
 
     def step(self, observation: Observation) -> Decision:
-        """Call the function and return its command; None sends none in this cycle.
+        """Return the function's command, None to send none; TypeError for another.
 
         Raises:
             TypeError: If the function returns anything but None, a command or two
@@ -150,7 +150,7 @@ def _name_entries(entries: Sequence[Any]) -> list[tuple[str, Any]]:
 
 
 def fingerprint(planner: object) -> str:
-    """Return SHA-256 of a planner's source, without base classes, and of its values.
+    """Return SHA-256 of a planner's own source and values, or `UNKNOWN_SOURCE`.
 
     Values are an object's attributes, or what a function closes over and its defaults.
     Source of what the planner calls is not in it.

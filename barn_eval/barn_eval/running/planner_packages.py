@@ -138,7 +138,7 @@ class Executable:
 
 
 def find_packaged(words: Sequence[str]) -> Executable | None:
-    """Return what a planner command starts from a package, None for other commands.
+    """Return what a command starts from a package, None for other commands.
 
     Args:
         words: Words of the command.
@@ -159,7 +159,7 @@ def find_packaged(words: Sequence[str]) -> Executable | None:
 
 
 def find_executable(text: str) -> Executable:
-    """Return the executable that the text of `--planner-package` names.
+    """Return the executable that --planner-package names; ConfigError unless unique.
 
     Raises:
         ConfigError: If there is no such package or executable, or several, or a launch
@@ -198,7 +198,7 @@ def find_executable(text: str) -> Executable:
 
 
 def _choose(name: str, files: Sequence[Path], packages: Sequence[Path]) -> Executable:
-    """Return the executable or launch file of a name, or the only executable.
+    """Return a name's executable or launch file, or the only one; else ConfigError.
 
     Args:
         name: Its name; empty for the only executable.

@@ -37,7 +37,7 @@ class PlannerSource:
     folders: tuple[Path, ...] = ()
 
     def read(self) -> tuple[dict[Path, str], set[str]]:
-        """Return the texts of its own files, and the names of all other modules."""
+        """Return texts of its own files, and top-level names of all other modules."""
         texts: dict[Path, str] = {}
         modules: set[str] = set()
         queue = list(self.starts)
@@ -55,7 +55,7 @@ class PlannerSource:
         return texts, {name for name in modules if "." not in name}
 
     def missing_modules(self, environment: Mapping[str, str]) -> dict[str, str]:
-        """Return what supplies each module that the planner's Python cannot find, by name.
+        """Run its Python; return what supplies each module that it lacks, by name.
 
         Args:
             environment: Variables that the planner is started with.
@@ -73,7 +73,7 @@ class PlannerSource:
         return {name: supplier(name) for name in search.stdout.split()}
 
     def goal_arguments(self) -> str:
-        """Return ROS arguments that set its goal parameters, empty if it has none."""
+        """Return ROS arguments that fill its goal parameters, empty if it has none."""
         texts, _ = self.read()
         arguments = ""
         for name, number in _GOAL_PARAMETER.findall("\n".join(texts.values())):
@@ -112,7 +112,7 @@ def read_source(command: str) -> PlannerSource:
 
 
 def supplier(module: str) -> str:
-    """Return what supplies a module, as a line to type where there is one."""
+    """Return a line on what supplies a module, or that this is not known."""
     for pattern, text in _SUPPLIERS.items():
         if re.fullmatch(pattern, module):
             return str(text).format(name=module.replace("_", "-"))
@@ -141,7 +141,7 @@ def explain_end(command: str, printed: str) -> str:
 def _imports(
     text: str, path: Path, folders: tuple[Path, ...]
 ) -> Iterator[tuple[str, tuple[Path, ...]]]:
-    """Yield modules that a file imports, with the folders to look for them in.
+    """Yield (module, folders to look in) of a file's imports, except those in a `try`.
 
     Modules in a `try` are left out, since the file may do without them.
     """

@@ -28,7 +28,7 @@ class RayPool(WorkerPool):
     def __init__(
         self, work: Work, workers: int, trial_limit_s: float, address: str = ""
     ):
-        """Connect to a cluster, or start Ray here.
+        """Connect to a cluster, or start Ray here; ConfigError if that fails.
 
         Args:
             work: What workers do with jobs.
@@ -107,7 +107,7 @@ class RayPool(WorkerPool):
         self._ray.shutdown()
 
     def _connect(self, address: str) -> None:
-        """Connect to the cluster at an address, or start Ray here if it is empty."""
+        """Connect to the cluster at an address, or start Ray here; else ConfigError."""
         # Ray would send usage statistics to its makers.
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
         options: dict[str, Any] = {"address": address or "local"}
@@ -168,7 +168,7 @@ def _run_task(work: Work, key: str, job: object) -> Report:
 
 
 def _require_answer(address: str) -> None:
-    """Raise ConfigError if nobody answers at an address "HOST:PORT" within 5 s.
+    """Raise ConfigError if "HOST:PORT" does not answer in 5 s; skip other addresses.
 
     Ray itself would try for minutes.
     """

@@ -70,7 +70,7 @@ class Reporter:
 
     @contextmanager
     def show_progress(self, progress: "RunProgress") -> Iterator[None]:
-        """Log the state of a run once, when the context ends."""
+        """Log the state of a run when the context ends, unless it was just logged."""
         try:
             yield
         finally:
@@ -96,7 +96,7 @@ class ConsoleReporter(Reporter):
 
     @property
     def _shows_bar(self) -> bool:
-        """Whether the console is a terminal, or a notebook that can show a bar."""
+        """Whether a bar is shown: on a terminal or able notebook, unless quiet."""
         if self._verbosity is Verbosity.QUIET:
             return False
         # Notebooks need widgets for a bar; without them, they get lines.
@@ -176,7 +176,7 @@ class _LiveTable(Progress):
 
 
 def make_reporter(progress: "bool | Reporter") -> Reporter:
-    """Return a reporter that shows a bar in a terminal or notebook, or one that logs.
+    """Return a given reporter, or one with a bar on stderr, or else one that logs.
 
     Args:
         progress: Whether to show progress in a terminal or notebook; elsewhere, and
@@ -201,7 +201,7 @@ class Tally:
     """Sum of the measure by which the protocol ranks."""
 
     def add(self, result: TrialResult) -> None:
-        """Add a trial's result to the counts and the sum of scores."""
+        """Add a trial to the counts, and its score, NaN if missing, to the sum."""
         self.trials += 1
         self.successes += result.scores.success
         # Rows of schema 1 do not name the measure.

@@ -86,7 +86,7 @@ class RunRequest:
         return self.config.trials(dataset=self.dataset)
 
     def split_into_routes(self, courses: Sequence[Sequence[float]]) -> "RunRequest":
-        """Return a copy of the run in which each route of a world is a world.
+        """Return a copy in which each route of a world is a world, or the run itself.
 
         `courses` are routes as numbers for `parse_course`, and `config.routes` are
         drawn. Without either, the run itself is returned.
@@ -113,7 +113,7 @@ class RunRequest:
 
 
 def _pop_courses(content: dict[str, Any], where: str) -> list[tuple[float, ...]]:
-    """Remove and return the courses if there are several; else return []."""
+    """Remove and return several courses; else return [] and unwrap a nested one."""
     courses = content.get("course")
     if not isinstance(courses, Sequence) or not all(
         isinstance(course, Sequence) and not isinstance(course, str)
@@ -139,7 +139,7 @@ def _worlds_file(out: Path) -> str:
 
 
 def read_request(file: Path | None, options: Mapping[str, object]) -> RunRequest:
-    """Return the run that a YAML file and options describe; options win.
+    """Return the run of a YAML file and options, which win; ConfigError if invalid.
 
     Args:
         file: YAML file with keys of `RunOptions`. `execution` may group those of
@@ -197,7 +197,7 @@ def read_request(file: Path | None, options: Mapping[str, object]) -> RunRequest
 
 
 def _check_for_ros(execution: ExecutionConfig, where: str) -> ExecutionConfig:
-    """Return the execution for mode ros: one worker if the user set a ROS domain.
+    """Return the execution for mode ros: one worker with ROS_DOMAIN_ID, or ConfigError.
 
     Raises:
         ConfigError: If the engine is not local, or if there are several workers on one
@@ -247,7 +247,7 @@ def _take_objects(
 
 
 def _read_config(content: dict[str, Any], where: str) -> RunConfig:
-    """Return the configuration of a run; keys are removed from `content`."""
+    """Return a run's configuration; remove its keys from `content`."""
     protocol = content.pop("protocol", CHALLENGE)
     if isinstance(protocol, str):
         protocol = load_protocol(protocol)
@@ -343,7 +343,7 @@ def _read_worlds(worlds: Any) -> tuple[object, dict[int, World] | None]:
 
 
 def parse_parameters(texts: Sequence[str], option: str) -> dict[str, Any]:
-    """Return values by name from "key=value" texts; values are read as YAML.
+    """Return values by name from "key=value" texts, read as YAML; ConfigError if wrong.
 
     Args:
         texts: The texts; values are read as YAML.

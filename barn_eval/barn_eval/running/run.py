@@ -39,7 +39,7 @@ def open_run(
     overwrite: bool = False,
     pool: WorkerPool | None = None,
 ) -> Iterator["Run"]:
-    """Open the results folder of a run, new or to resume; no trial runs yet.
+    """Open a run's folder, new or to resume, and stop on signals; no trial runs yet.
 
     Args:
         request: The run and its folder.
@@ -196,7 +196,7 @@ def make_shared_pool(execution: ExecutionConfig) -> WorkerPool:
 
 
 def check_limits(trials: Sequence[TrialSpec]) -> str:
-    """Return a warning about trials with hardly enough time; empty if there are none.
+    """Return a warning on trials short of time, or ""; ConfigError if one is too short.
 
     Args:
         trials: Trials of a run.

@@ -55,7 +55,7 @@ def run_trials(
     work: Work,
     mode: str = "direct",
 ) -> Generator[Event, None, None]:
-    """Run trials on a pool, retry lost ones, and write and yield their results.
+    """Run trials, retry lost ones, write and yield results; RunError if many are lost.
 
     All of `trials` run, so the caller leaves out those with a result.
 
@@ -137,7 +137,7 @@ class _Loop:
                     del self.running[report.key]
 
     def _retry(self, job: Job, loss: JobLoss) -> Iterator[Event]:
-        """Write a note of a loss and put the job back, in front of those that wait.
+        """Note a loss and put the job back in front; give up at the limit, or RunError.
 
         The job continues with its first trial without a result. After the last attempt,
         that trial is given up.

@@ -70,7 +70,7 @@ class Segment:
 def judge_segment(
     segment: Segment, spec: TrialSpec, operator_contacts_s: Sequence[float] | None
 ) -> FinishedTrial:
-    """Give the readings of a segment to the referee; return the finished trial.
+    """Judge a segment by the referee; return the trial; BagError if in another world.
 
     Args:
         segment: The segment.
@@ -120,7 +120,7 @@ def judge_segment(
 
 
 def _place_poses(segment: Segment, spec: TrialSpec) -> tuple[Pose2D, list[str]]:
-    """Return the frame of a segment's poses in the world's, and remarks on doubts.
+    """Return (frame of poses in the world's, remarks); BagError if of another world.
 
     Raises:
         BagError: The poses are not those of the world.
@@ -215,7 +215,7 @@ def _take_readings(segment: Segment, origin: Pose2D) -> tuple[dict[int, Odometry
 def _list_doubts(
     segment: Segment, spec: TrialSpec, by_index: Mapping[int, Odometry], back_ns: int
 ) -> tuple[list[str], float | None]:
-    """Return remarks on doubtful times, and how far in s times may be off.
+    """Return (remarks on doubtful times, their error in s, None below two readings).
 
     Args:
         segment: The segment.
@@ -268,7 +268,7 @@ def _find_contacts(
     readings: Mapping[int, Odometry],
     operator_contacts_s: Sequence[float] | None,
 ) -> set[int]:
-    """Return the indices of poses with a contact since the one before.
+    """Return indices of poses with a contact since the last, by operator or bag.
 
     Args:
         segment: The segment.

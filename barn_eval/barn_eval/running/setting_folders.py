@@ -42,10 +42,7 @@ def _parse_value(text: str) -> float | str:
 
 
 def find_setting_folders(folder: Path) -> list[Path]:
-    """Return the folders of settings in the folder of a sweep, sorted by values.
-
-    The list is empty for a run's own folder, or a path that is not a folder.
-    """
+    """Return a sweep's folders of settings, sorted by values; [] for any other path."""
     if (folder / RUN_FILE).exists() or not folder.is_dir():
         return []
     folders = [

@@ -112,7 +112,7 @@ def change_command(
 
 
 def read_parameters(command: str, keys: Sequence[str]) -> dict[str, Any]:
-    """Return values of ROS parameters from the YAML files that a command names.
+    """Return values of ROS parameters in a command's YAML files, {} without a file.
 
     Args:
         command: Command of the planner.
@@ -149,10 +149,7 @@ def _read_parameter_files(words: Sequence[str]) -> list[ParameterFile]:
 def _find_parameter(
     files: Sequence[ParameterFile], key: str
 ) -> tuple[ParameterFile, Parameter]:
-    """Return the only parameter "NAME" or "NODE.NAME", and the last file that has it.
-
-    ConfigError if no file has it, or one has several.
-    """
+    """Return the last file with a parameter, and that; ConfigError if none or several."""
     # For the hint at a similar name.
     names: set[str] = set()
     # ROS lets a later file override an earlier one.
@@ -289,9 +286,7 @@ def grid(base: RunRequest, sweep: Sweep) -> list[Setting]:
 
 
 def read_sweep(file: Path | None, texts: Sequence[str]) -> Sweep:
-    """Return values by parameter from command-line texts, else from a YAML file.
-
-    The result is empty if neither has any.
+    """Return values by parameter from command-line texts, else from a YAML file, or {}.
 
     Args:
         file: YAML file that may have a key `sweep`.
@@ -312,7 +307,7 @@ def read_sweep(file: Path | None, texts: Sequence[str]) -> Sweep:
 
 
 def parse_sweep(texts: Sequence[str]) -> Sweep:
-    """Return lists of values by parameter from "KEY=V1,V2,..." texts, read as YAML.
+    """Return lists of values from "KEY=V1,V2,..." texts, as YAML; ConfigError if wrong.
 
     Raises:
         ConfigError: If a text has another form, or a key comes twice.
@@ -349,10 +344,7 @@ def _with_command(
 
 
 def _make_delayed(base: RunRequest, delay_s: float) -> Setting:
-    """Return the setting in which all planners' commands come `delay_s` late.
-
-    At a delay of 0, planners compute as they declare.
-    """
+    """Return the setting in which all commands come `delay_s` late; 0 is no change."""
     config = base.config
     if delay_s:
         planners = [

@@ -55,7 +55,7 @@ class SourceFile:
                     self.defaults[name] = _keyword(item, "default_value")
 
     def entries(self, key: str) -> Iterator[str]:
-        """Yield the texts in the lists that dictionaries in the file hold under a key.
+        """Yield texts under a key of dictionaries; ConfigError if code computes them.
 
         Raises:
             ConfigError: If only executing the file would tell.
@@ -67,7 +67,7 @@ class SourceFile:
                         yield from self._read(value)
 
     def launched_nodes(self) -> list[LaunchedNode]:
-        """Return the nodes of the packages at hand that a launch file starts.
+        """Return nodes launched from packages at hand; ConfigError if code decides.
 
         Raises:
             ConfigError: If only executing the file would tell what they get.
@@ -101,7 +101,7 @@ class SourceFile:
                     yield from SourceFile(path, self.packages).launched_nodes()
 
     def _arguments(self, call: ast.Call) -> Iterator[str]:
-        """Yield the arguments that the call of a node gives it."""
+        """Yield a node's arguments: plain, then names, remappings and parameters."""
         for argument in self._get(call, "arguments"):
             yield str(argument)
         yield "--ros-args"
@@ -140,7 +140,7 @@ class SourceFile:
         return json.dumps(content)
 
     def _read(self, value: ast.expr | None) -> Any:
-        """Return the value that an expression stands for.
+        """Return an expression's value; ConfigError if only execution would tell.
 
         Raises:
             ConfigError: If only executing the file would tell.

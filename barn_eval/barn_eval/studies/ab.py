@@ -72,7 +72,7 @@ def ab(
     options: Mapping[str, object],
     reporter: Reporter,
 ) -> AbResult:
-    """Drive BASE and HEAD in more and more worlds until a sequential test decides.
+    """Drive BASE and HEAD until a sequential test decides; ConfigError if equal.
 
     Args:
         base: A workspace (its folder or setup.bash) in which `command` starts the

@@ -70,7 +70,7 @@ class Measurement:
 
 
 def best_of(rounds: Sequence[Measurement]) -> Measurement:
-    """Return the best of several measurements of a figure, with all their values."""
+    """Return a figure's best measurement, with the values of all as its samples."""
     values = tuple(measurement.value for measurement in rounds)
     best = max(values) if rounds[0].better == "higher" else min(values)
     return replace(rounds[0], value=best, samples=values)
@@ -92,7 +92,7 @@ class Change:
 
 
 def changes(now: Sequence[Measurement], before: Sequence[Measurement]) -> list[Change]:
-    """Return a `Change` (above 1 is better) of each figure that is positive in both.
+    """Return changes of figures that are positive in both; a ratio above 1 is better.
 
     Args:
         now: Figures of the newer benchmark.
@@ -117,7 +117,7 @@ def changes(now: Sequence[Measurement], before: Sequence[Measurement]) -> list[C
 
 
 def read_figures(path: Path) -> list[Measurement]:
-    """Read the figures from a file with the output of `barn bench --json`.
+    """Read the figures of `barn bench --json`; ConfigError if the file has others.
 
     Raises:
         ConfigError: If the file has other content.
@@ -288,7 +288,7 @@ def _act(environment: JackalEnv, actions: Floats) -> None:
 
 
 def _measure_ros(run: RunConfig) -> Measurement:
-    """Return the better real-time factor of two ROS trials in lockstep with bags."""
+    """Return a measurement: the better real-time factor of two lockstep ROS trials."""
     # Only here: it needs rclpy.
     from barn_eval.ros.supervision.supervisor import run_ros_trials  # noqa: PLC0415
 

@@ -101,7 +101,7 @@ class PhysicalFinding:
 
 
 def fit_line(x: Floats, y: Floats) -> Line:
-    """Fit y = intercept + slope * x and return both with 95 % intervals.
+    """Fit y over x by least squares, with 95 % limits; ConfigError below three points.
 
     The standard error is the larger of the ordinary one and HC3, which allows for
     scatter that grows with x. Limits use Student's t with n - 2 degrees of freedom. A
@@ -146,7 +146,7 @@ def fit_line(x: Floats, y: Floats) -> Line:
 
 
 def measure_difficulty(folders: Sequence[Path]) -> PhysicalFinding:
-    """Compare measured with predicted difficulty by world; return the finding.
+    """Compare measured with predicted difficulty by world; ConfigError if under four.
 
     Args:
         folders: Results of one robot or simulator; folders of the suite's own
@@ -246,7 +246,7 @@ def _foretell_half_widths(line: Line, worlds: int) -> dict[int, float]:
 
 
 def _noise_share(line: Line, worlds: Sequence[WorldDifficulty]) -> float | None:
-    """Return the share of scatter due to trials' noise; None if noise is unknown."""
+    """Return trials' noise as a share of the scatter; None if unknown or no scatter."""
     noises = []
     residuals = []
     for world in worlds:
@@ -267,7 +267,7 @@ def _student_quantile(points: int) -> float:
 
 
 def _rows_by_world(sources: Iterable[Source]) -> _RowsByWorld:
-    """Return scored rows by their world's checksum; rows without one are left out.
+    """Return planners' rows that have a time per meter, by checksum of their world.
 
     Rows of teleoperated reference drives are left out as well.
     """

@@ -80,7 +80,7 @@ class Survey:
 def survey_course(
     trial: RecordedTrial, world: World, start: Pose2D, tolerance_m: float
 ) -> Survey:
-    """Locate the cylinders of a built course from a drive's scans; return a `Survey`.
+    """Locate a built course's cylinders from scans; BagError if scans do not fit.
 
     Args:
         trial: The drive, with odometry and scans.

@@ -61,7 +61,7 @@ class Ranges:
 
     @classmethod
     def read(cls, name: str) -> "Ranges":
-        """Read ranges from a YAML file, or from a file of the suite by planner's name.
+        """Read ranges from a YAML file, or the suite's of a planner; else ConfigError.
 
         A range has choices, or low and high (whole numbers or not) and, to draw evenly
         over the logarithm, log: true.
@@ -235,7 +235,7 @@ class Tuner:
         self.default = self._read_default()
 
     def _read_default(self) -> dict[str, Any]:
-        """Return the planner's current values of the parameters in `ranges`.
+        """Return the current values by key of `ranges`; ConfigError if outside them.
 
         Raises ConfigError for an unknown parameter, or a value outside its range.
         """
@@ -484,7 +484,7 @@ class Tuner:
     def make_setting(
         self, trial: Trial | FrozenTrial, folder: str, worlds: str = ""
     ) -> Setting:
-        """Return the setting of a trial of the study, in its own folder.
+        """Return the setting of a study's trial, floats to 4 digits; 0 is the default.
 
         Args:
             trial: Trial of the study. Its floats are rounded to four digits; the first

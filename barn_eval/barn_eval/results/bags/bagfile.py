@@ -95,7 +95,7 @@ class McapFile:
     """
 
     def __init__(self, path: Path, metadata: dict[str, dict[str, str]]):
-        """Open a file.
+        """Open a regular file; `metadata` is filled with mappings as they are read.
 
         Args:
             path: The file.
@@ -114,7 +114,7 @@ class McapFile:
         self._file.close()
 
     def messages(self) -> Iterator[RawMessage]:
-        """Yield undecoded messages of records that were completed since the last call.
+        """Yield messages of new complete records; raise one of `DAMAGE` if damaged.
 
         Raises an error of `DAMAGE` if the file is damaged.
         """
@@ -157,7 +157,7 @@ class McapFile:
         return None
 
     def _chunk_messages(self, data: bytes) -> Iterator[RawMessage]:
-        """Yield messages of an unpacked chunk; store its types and topics.
+        """Yield an unpacked chunk's messages; store its types; EndOfFile if cut off.
 
         Raises:
             EndOfFile: If its last record is cut off.
@@ -203,12 +203,12 @@ class McapFile:
 
 
 def largest_unpacked(data: bytes) -> int:
-    """Return the largest number of bytes that a compressed chunk may unpack to."""
+    """Return how many bytes a chunk may unpack to: 256 times its own, 4 to 256 MiB."""
     return min(LARGEST_RECORD, max(SMALL_CHUNK, LARGEST_RATIO * len(data)))
 
 
 def unpack_chunk(chunk: Chunk) -> bytes:
-    """Return the decompressed records of a chunk after a check of its size and CRC.
+    """Return a chunk's decompressed records; ValueError if its size or CRC is wrong.
 
     Raises:
         ValueError: If the chunk states too large a size, or its size or checksum differs
@@ -257,14 +257,14 @@ class BagFile:
 
     @cached_property
     def types(self) -> dict[str, str]:
-        """Type of each topic; reads the whole bag, up to its end or first problem."""
+        """Type of each topic, "" if not CDR; reads the whole bag, or up to damage."""
         types = {}
         for message in self._messages():
             types[message.topic] = message.type_name
         return types
 
     def messages(self, topics: Collection[str] = ()) -> Iterator[RawMessage]:
-        """Yield undecoded messages in the order of the file, up to any damage.
+        """Yield undecoded messages of `topics` (all if empty) until damage, in order.
 
         After damage, `problem` says what ended the reading. Each call begins at the
         start of the bag.
@@ -288,7 +288,7 @@ class BagFile:
             yield unpacked
 
     def _messages(self) -> Iterator[RawMessage]:
-        """Yield all messages as they are in the file, up to any damage."""
+        """Yield all messages as in the file, up to damage; note times and `problem`."""
         self.problem = ""
         for message in self._read():
             if not 0 <= message.stamp_ns <= _LATEST_NS:
@@ -300,7 +300,7 @@ class BagFile:
             yield message
 
     def _find(self, path: Path) -> list[Path]:
-        """Return a bag's files in the order of their parts.
+        """Return a bag's files, of one format, in part order; BagError if none.
 
         Raises:
             BagError: If there is no bag.
@@ -320,7 +320,7 @@ class BagFile:
         raise BagError(f"{path}: holds no bag (no {', '.join(_ENDINGS)} file)")
 
     def _read(self) -> Iterator[RawMessage]:
-        """Yield messages of all files of any format, up to the first problem."""
+        """Yield messages of all files up to a problem; BagError if nothing was read."""
         for path in self._files:
             try:
                 with _decompressed(path) as plain:
@@ -431,7 +431,7 @@ class TrialFollower:
 
 @contextmanager
 def _decompressed(path: Path) -> Iterator[Path]:
-    """Yield a file or, if it is compressed as a whole, a temporary unpacked copy.
+    """Yield a file, or a temporary unpacked copy of .zstd; ValueError if too large.
 
     Raises:
         ValueError: If it unpacks to too many bytes.
@@ -464,7 +464,7 @@ def _unpack(message: RawMessage) -> RawMessage:
 
 
 def _sqlite_messages(path: Path) -> Iterator[RawMessage]:
-    """Yield messages of a .db3 file; raise an error of `_DATABASE_DAMAGE` if damaged."""
+    """Yield messages of a .db3 file, of type "" if not CDR; raise if it is damaged."""
     _require_plain(path)
     uri = f"{path.absolute().as_uri()}?mode=ro"
     with closing(sqlite3.connect(uri, uri=True)) as database:

@@ -49,7 +49,7 @@ def _number(data: bytes) -> float:
 
 
 def _scan(data: bytes) -> Scan:
-    """Return a LaserScan message; MessageError without beams or with too many."""
+    """Return a LaserScan; MessageError if its beams are 0, too many, or not finite."""
     scan = decode.scan(data)
     if not 0 < len(scan.ranges) <= _MAX_BEAMS:
         raise MessageError(f"a scan of {len(scan.ranges)} beams")
@@ -59,7 +59,7 @@ def _scan(data: bytes) -> Scan:
 
 
 def _grid(data: bytes) -> OccupancyMap:
-    """Return the map of an OccupancyGrid; MessageError if it is not plausible."""
+    """Return an OccupancyGrid's map; MessageError if empty, too large, or infinite."""
     grid = decode.occupancy_map(data)
     if not 0 < grid.data.size <= _MAX_CELLS or grid.resolution <= 0.0:
         raise MessageError(f"a grid of {grid.data.size} cells of {grid.resolution} m")
@@ -68,7 +68,7 @@ def _grid(data: bytes) -> OccupancyMap:
 
 
 def read_mounts(data: bytes) -> dict[str, Pose2D]:
-    """Return poses in base_link by child frame; transforms of other parents are ignored."""
+    """Return poses in base_link by child frame; MessageError if one is not finite."""
     mounts = {}
     for transform in decode.transforms(data):
         # In ROS 1, names of frames began with a slash.
@@ -90,7 +90,7 @@ def _require_finite(*values: float) -> None:
 
 
 def decode_planner_status(data: bytes) -> str:
-    """Return the planner's status in a DiagnosticArray message, "" if it has none."""
+    """Return the planner's status in a DiagnosticArray, "" if none or unreadable."""
     try:
         # Any node may report here, so an unreadable message is no error.
         for values in decode.diagnostics(data):
@@ -137,7 +137,7 @@ _FRAME_TYPES = {
 
 
 def frame_and_content(topic: str, type_name: str, data: bytes) -> tuple[str, Any]:
-    """Decode a CDR message; return (frame of its content or "", content).
+    """Return (frame or "", content) of a CDR message; MessageError if implausible.
 
     Args:
         topic: One of `TOPICS`.
@@ -156,7 +156,7 @@ def frame_and_content(topic: str, type_name: str, data: bytes) -> tuple[str, Any
 
 
 def map_frame(trial: dict[str, Any]) -> Pose2D:
-    """Return the pose of the planner's map frame in the map frame of true poses.
+    """Return the planner's map frame in that of true poses, the identity if unknown.
 
     Map and localization of a trial may be shifted by this offset.
     """

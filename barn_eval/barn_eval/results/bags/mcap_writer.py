@@ -110,7 +110,7 @@ class McapWriter:
         return channel
 
     def add_message(self, channel: WrittenChannel, data: bytes, stamp_ns: int) -> None:
-        """Add a message to the chunk.
+        """Add a message to the chunk in memory, and count and index it.
 
         Args:
             channel: Channel of this file.

@@ -130,7 +130,7 @@ class ScoreReporter:
         yield OutgoingMessage(topics.SCORE_TEXT, serialize(message))
 
     def _describe(self, standing: Standing, score: float) -> str:
-        """Return the text to show below the start: planner, clock, distance, score."""
+        """Return the text below the start: planner, world, clock, distance, score."""
         clock = "clock not started"
         if standing.clock_s is not None:
             clock = f"{standing.clock_s:.2f} s on the clock"
@@ -145,9 +145,7 @@ class ScoreReporter:
 
 
 def running_score(standing: Standing, course: Course) -> float:
-    """Return the verdict's challenge metric or, without one, that of an arrival now.
-
-    It is 0 if the optimal time is unknown.
+    """Return the verdict's metric, or that of an arrival now; 0 without optimal time.
 
     Args:
         standing: State of the trial.
@@ -214,7 +212,7 @@ class TrialBag:
         self._recorder.record([initial_scene(spec, stamp_ns)], stamp_ns)
 
     def reading(self, sensors: Sensors, *, asked: bool = True) -> None:
-        """Record an instant's sensors and, when due, moving obstacles and the goal.
+        """Record an instant's sensors, a new scan only if `asked`, and what is due.
 
         Args:
             sensors: The readings.

@@ -62,7 +62,7 @@ class ObservedDrive:
 
 
 def read_observed_drive(path: Path, sources: Sources) -> ObservedDrive:
-    """Read a robot's drive from a bag, up to any damage, which `problem` then names.
+    """Return a robot's drive up to damage, named in `problem`; BagError if no poses.
 
     Raises:
         BagError: If the bag cannot be read, or has no poses of a robot.

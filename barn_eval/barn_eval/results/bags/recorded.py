@@ -94,10 +94,7 @@ class RecordedTrial:
         return max(0, int(after) - 1)
 
     def to_frame(self, item: TimedItem) -> Pose2D:
-        """Return the pose of an item's frame in the trial's frame, at the item's time.
-
-        It is the identity if unknown.
-        """
+        """Return an item's frame in the trial's at that time; the identity if unknown."""
         if item.frame == self.frame:
             return self.map_frame if item.frame == MAP else ORIGIN
         if item.frame not in (MAP, ODOM) or not np.isfinite(self.odometry).all():
@@ -132,7 +129,7 @@ class RecordedTrial:
         return clearance
 
     def goal_pose(self) -> Pose2D | None:
-        """Return the goal in the frame of `poses`, unchanged if unrelated; or None.
+        """Return the goal pose in the frame of `poses`, the true one if known, or None.
 
         Frames are taken at the start, when they agree best.
         """
@@ -152,7 +149,7 @@ ItemsByTopic = Mapping[topics.Topic, list[TimedItem]]
 
 
 def read_recorded_trial(path: Path, sources: Sources = NO_SOURCES) -> RecordedTrial:
-    """Read a bag into arrays, up to any damage, which `notes` then name.
+    """Return a bag's trial as arrays, `notes` name damage; BagError without poses.
 
     Args:
         path: The bag, in any format that `BagFile` reads.
@@ -277,7 +274,7 @@ def _list_gaps(
 def _read_items(
     bag: BagFile, choice: TopicChoice, unreadable: dict[str, str]
 ) -> dict[topics.Topic, list[TimedItem]]:
-    """Read a bag; return decoded messages by topic and time, 0 s at the first pose.
+    """Return decoded messages by topic, 0 s at the first pose; fill `unreadable`.
 
     Args:
         bag: The bag.
@@ -334,7 +331,7 @@ def _restamp(
     poses: list[tuple[int, str, Any]],
     unreadable: dict[str, str],
 ) -> None:
-    """Replace log times in messages by the robot's times, from the stamps of poses.
+    """Replace log times by the robot's, unless poses' stamps are missing or go back.
 
     Args:
         messages: Rows of time, frame and content by topic, in order; changed in place.

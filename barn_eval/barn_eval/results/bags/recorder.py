@@ -88,7 +88,7 @@ class Recorder:
     def add_topic(
         self, name: str, type_name: str, qos: Qos = RELIABLE, known_as: str = ""
     ) -> None:
-        """Announce a topic in the bag, unless it has been announced.
+        """Announce a topic unless known; BagError if its type is unknown or differs.
 
         Args:
             name: Name of the topic.
@@ -130,7 +130,7 @@ class Recorder:
         self.add_topic(topic.path, topic.type_name, qos)
 
     def write(self, topic: str, data: bytes, stamp_ns: int) -> None:
-        """Write one message.
+        """Write a message on an announced topic; KeyError on any other.
 
         Args:
             topic: Name of a topic that was announced.
@@ -191,7 +191,7 @@ class Recorder:
                 self._writer.end_chunk()
 
     def add_metadata(self, name: str, content: Mapping[str, Any]) -> None:
-        """Add a named mapping to the file and to metadata.yaml.
+        """Add a named mapping, as texts or JSON, to the file and to metadata.yaml.
 
         Args:
             name: Name of the mapping.

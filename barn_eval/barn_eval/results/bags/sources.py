@@ -60,7 +60,7 @@ class TopicChoice:
     """
 
     def __init__(self, bag: BagFile, sources: Sources):
-        """Choose topics by the user's names, the suite's names, or a unique type.
+        """Choose topics by users' names, the suite's, or type; BagError if missing.
 
         Args:
             bag: The bag, which is read to its end.
@@ -92,10 +92,7 @@ class TopicChoice:
         self._add(topics.GOAL_POSE, *goals)
 
     def _add(self, topic: topics.Topic, *names: str) -> None:
-        """Let a topic of the bag stand for one of the suite's that has none so far.
-
-        Several names, or one that the bag does not have, change nothing.
-        """
+        """Let a bag's topic stand for a suite's; skip several, missing and taken ones."""
         is_known = topic.path in self.paths.values()
         if len(names) == 1 and names[0] in self._bag.types and not is_known:
             self.paths.setdefault(names[0], topic.path)
@@ -181,7 +178,7 @@ class PoseReader:
         self._chain = list(pairwise(frames))
 
     def read(self, message: RawMessage) -> Iterator[Odometry]:
-        """Yield the poses in a message of `topics`; a missing velocity is NaN.
+        """Yield the poses in a message of `topics`, NaN without velocity; set `frame`.
 
         Raises:
             MessageError: If the message is malformed.

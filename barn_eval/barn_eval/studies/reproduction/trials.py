@@ -107,7 +107,7 @@ class TrialsFinding:
 
 
 def group_trials(results: Rows, subject: str) -> dict[str, PlannerTrials]:
-    """Return the trials of DWA and E-Band as arrays, by planner.
+    """Return DWA's and E-Band's trials as arrays; ConfigError if one is missing.
 
     Args:
         results: Rows of the run.
@@ -127,7 +127,7 @@ def group_trials(results: Rows, subject: str) -> dict[str, PlannerTrials]:
 def _planner_trials(
     planner: str, results: Rows, worlds: list[int], subject: str
 ) -> PlannerTrials:
-    """Return a planner's trials as arrays (worlds, repetitions).
+    """Return a planner's trials as full arrays; ConfigError if it lacks repetitions.
 
     Raises ConfigError if a trial is missing, or there is only one per world.
     """
@@ -361,7 +361,7 @@ def judge_model(
     errors = predicted - measured
 
     def r2(sample: Integers) -> Floats:
-        """Return the explained share of variance for each sample of worlds."""
+        """Return R2, the explained share of variance, for each sample of worlds."""
         unexplained = (errors[sample] ** 2).mean(axis=-1)
         share: Floats = 1.0 - unexplained / measured[sample].var(axis=-1)
         return share
