@@ -376,7 +376,7 @@ def label_groups(selections: Sequence[Selection]) -> RowsByPlanner:
 
 
 def trial_values(results: Rows, measure: Measure) -> TrialValues:
-    """Return a planner's values (NaN for none), worlds and penalties as arrays.
+    """Return a planner's values (NaN for none), worlds, repetitions and penalties.
 
     The arrays are in the order of the results. A value is NaN if the trial has none, or
     if it failed and the measure is of successes only.

@@ -293,7 +293,7 @@ class Reproduction:
 
 
 def reproduce(source: Source) -> Reproduction:
-    """Return the `barn run` command, protocol and notes that repeat a folder's run."""
+    """Return command, protocol and notes that repeat a run, or a note on why not."""
     note = _why_not_reproduced(source)
     if note:
         return Reproduction("", note=note)

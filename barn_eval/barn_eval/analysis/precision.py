@@ -258,7 +258,7 @@ def _make_pair_figure(results: RowsByPlanner, measure: Measure) -> Figure:
 def _make_figure(
     name: str, trials: TrialValues, components: Components, measure: Measure
 ) -> Figure:
-    """Return the mean of trials and its variance; ConfigError if from one world only."""
+    """Return the mean of trials with a given variance; ConfigError below two worlds."""
     worlds = len(np.unique(trials.worlds))
     if worlds < 2:
         raise ConfigError(

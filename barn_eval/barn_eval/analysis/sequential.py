@@ -44,7 +44,7 @@ class LookResult:
 
 
 def plan_looks(worlds: int) -> list[int]:
-    """Return the numbers of worlds at which to test: five steps to `worlds`, none 0."""
+    """Return the numbers of worlds at which to test, at most five, up to `worlds`."""
     looks = [worlds * number // LOOKS for number in range(1, LOOKS + 1)]
     return [look for look in looks if look]
 

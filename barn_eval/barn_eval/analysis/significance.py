@@ -146,7 +146,7 @@ class Share:
         return float(low), float(high)
 
     def p_above(self, share: float) -> float:
-        """Return the two-sided p-value of a true share of `share`, above the observed."""
+        """Return the two-sided p-value of a larger share, `share`, as the true one."""
         if share >= 1.0:
             return 0.0
         successes = self.share * self.effective
@@ -176,7 +176,7 @@ def share_of(values: Floats | Integers, worlds: Integers) -> Share:
 
 
 def proportion(successes: Integers, worlds: Integers) -> Interval:
-    """Return the share of trials with a 1; limits by Wilson, None below two worlds.
+    """Return the share of 1s and Wilson's 95 % limits, which are None below two worlds.
 
     The quantile is Student's with one degree of freedom fewer than worlds (Franco et
     al. 2019, "Comparative study of confidence intervals for proportions in complex
@@ -237,7 +237,7 @@ def effective_trials(
 def paired_difference(
     differences: Floats, worlds: Integers, flips: int = FLIPS
 ) -> Difference:
-    """Return the mean of A - B, p by sign flips, and limits, None for few worlds.
+    """Return the mean of A - B, its limits (None for few worlds), and p by sign flips.
 
     If A and B are equal, the sum of each world has either sign with equal probability,
     so the test is exact for any distribution. The interval holds the shifts that the

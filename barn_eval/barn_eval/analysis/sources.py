@@ -148,7 +148,7 @@ class Source:
 
 
 def read_source(path: Path, rows: Rows | None = None) -> Source:
-    """Return a table, or a folder's run.json and scored rows, in the run's order.
+    """Read a table, or a folder's run.json and scored rows; ConfigError without a run.
 
     Args:
         path: The folder, or a table file.
@@ -213,7 +213,7 @@ def cap_result(result: TrialResult, cap_mps: float, period_s: float) -> TrialRes
 
 
 def _fastest_commands(source: Source) -> dict[str, float]:
-    """Return planners' fastest command [m/s] if no cap is declared; {} if observed.
+    """Return the fastest command [m/s] of planners without a cap; {} if observed.
 
     Planners without kept commands, or with only zero commands, are left out.
     """
@@ -365,7 +365,7 @@ def read_worlds(
 def planner_choices(
     configuration: Mapping[str, Any], planner: str = ""
 ) -> list[dict[str, Any]]:
-    """Return the mappings in a configuration's `planners`, [] if that is not a list.
+    """Return well-formed planner mappings of a configuration, of one name if given.
 
     Args:
         configuration: Configuration of a run as plain data.

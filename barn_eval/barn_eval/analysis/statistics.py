@@ -62,7 +62,7 @@ class TrialValues:
         return len(self.failures) > 0
 
     def mean(self) -> Interval:
-        """Return the finite values' mean, clipped 95 % limits, None below two worlds."""
+        """Return the finite values' mean; limits are clipped, None below two worlds."""
         finite = np.flatnonzero(np.isfinite(self.values))
         # Rounding depends on the order of a sum, and workers finish trials in any
         # order.
@@ -140,7 +140,7 @@ class TrialValues:
 
 
 def mean_interval(values: Floats, worlds: Integers) -> Interval:
-    """Return the finite values' mean, skewed 95 % limits, None below two worlds.
+    """Return the mean of finite values; limits allow for skew, None below two worlds.
 
     The limits are Student's, of the mean's linearization as a ratio, with Hall's
     transformation (1992, "On the removal of skewness by transformation").
@@ -240,7 +240,7 @@ class Paired:
 
 
 def repetition_spread(values: Floats, worlds: Integers) -> float:
-    """Return the mean over worlds of trials' deviation; NaN if no world has two.
+    """Return the mean of worlds' standard deviations; NaN if no world has two trials.
 
     This is the paper's +- (Sec. IV): the divisor is n, and worlds with one trial do not
     count. The mean is NaN if no world has two trials.
@@ -288,7 +288,7 @@ def _trial_keys(planners: Sequence[TrialValues]) -> list[Integers]:
 
 
 def difference(a: TrialValues, b: TrialValues, flips: int = FLIPS) -> Difference:
-    """Return the mean of A - B over matched trials with its interval and p-value.
+    """Return mean, limits and p of A - B over matched trials, wary of rare failures.
 
     If failures count, a difference is significant only if it keeps its sign when the
     better planner fails as often as its failures so far allow. By the test alone, a
@@ -368,7 +368,7 @@ def compare_pairs(a: TrialValues, b: TrialValues, *, larger_is_better: bool) -> 
 def rank_correlation(
     a: tuple[Floats, Integers], b: tuple[Floats, Integers], seed: int = 0
 ) -> Interval:
-    """Return Spearman's correlation of world means, limits; NaN below three worlds.
+    """Return Spearman's correlation of world means with limits; NaN below three worlds.
 
     Args:
         a: Values of A and the numbers of their worlds, each (n,).

@@ -64,7 +64,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         fitted_dataset: Dataset | None = None,
         **changes: object,
     ):
-        """Load data set, robot and protocol; BarnError unless they fit; begin no trial.
+        """Load worlds, robot and protocol; BarnError if they do not fit; begin nothing.
 
         Args:
             config: What the environment is; the default is `EnvConfig()`.
@@ -210,7 +210,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         )
 
     def is_terminal(self) -> bool:
-        """Return whether success, contact, world's edge or a bad command ended it.
+        """Return whether success or one of `FAILURES` ended the trial, not a limit.
 
         False for ends that truncate, such as time limits, and while the trial runs.
         """
@@ -264,7 +264,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         )
 
     def _fit_safety(self, safety: CollisionCheckConfig) -> CollisionCheckConfig:
-        """Return the check fitted to robot and lidar; ConfigError for another mount.
+        """Return the check for robot and lidar; ConfigError if it has another mount.
 
         Raises:
             ConfigError: If the check names another mount.

@@ -106,7 +106,7 @@ class Episodes:
         )
 
     def begin(self, index: int, spec: TrialSpec, path: Floats) -> None:
-        """Put robot `index` at a trial's start, unread; ConfigError if cells differ.
+        """Put a robot at a trial's start, sensors unread; ConfigError if cells differ.
 
         Args:
             index: Robot that drives it.
@@ -182,7 +182,7 @@ class Episodes:
         self._encode(rows)
 
     def _read(self, rows: Integers) -> None:
-        """Read the sensors of `rows`, and poses, which are localized with a map."""
+        """Read sensors and poses of `rows`; with a map, poses are localized."""
         if len(rows) == 0:
             return
         self.batch.read(rows)

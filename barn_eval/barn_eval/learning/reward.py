@@ -36,7 +36,7 @@ RewardWeights: TypeAlias = tuple[float, float, float, float, float, float, float
 # Learners meet the same worlds again and again, as long as their data set keeps them.
 @lru_cache(maxsize=MAX_CACHED_WORLDS)
 def path_points(world: World, course: Course, along: str) -> Floats:
-    """Return points (n, 3) of the path or the goal alone: x, y, length left, in m.
+    """Return points (n, 3) of the path, or only the goal: x, y and length left, in m.
 
     Args:
         world: World of the episode.
@@ -121,7 +121,7 @@ def reward_steps(
     shielded: Floats,
     rewards: Floats,
 ) -> None:
-    """Fill `rewards` for a step of all robots, except an end's; add to `shielded`.
+    """Fill `rewards` for one step, without an end's; add a check's cost to `shielded`.
 
     Args:
         weights: As of `reward_weights`.

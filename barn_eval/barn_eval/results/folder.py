@@ -169,7 +169,7 @@ class ResultsFolder:
         return take(results, np.argsort([self._places[name] for name in trial_ids]))
 
     def append(self, record: TrialRecord) -> None:
-        """Append a trial's commands, track and, last, row, synced; ValueError if twice.
+        """Append a trial's commands, track and, last, row to disk; ValueError if twice.
 
         Raises:
             StoreError: If another folder has taken the place of this one.
@@ -223,7 +223,7 @@ class ResultsFolder:
         return len(re.findall(r"^\d{4}-\d\d-\d\dT", text, re.MULTILINE))
 
     def complete(self) -> Rows:
-        """Write tables, sort tracks.jsonl, return all rows; ValueError if one misses.
+        """Write tables, sort tracks, return all rows; ValueError if one is missing.
 
         Raises:
             ValueError: If a trial has no result.
@@ -309,7 +309,7 @@ def find_previous(path: Path) -> RunFile | None:
 def find_completed(
     run_file: RunFile, specs: Sequence[TrialSpec], *, overwrite: bool = False
 ) -> CompletedTrials:
-    """Return this run's sessions and scored rows, none if `overwrite`, or ConfigError.
+    """Return this run's sessions and scored rows; ConfigError if another's are there.
 
     Args:
         run_file: Expected content of the folder's run.json.
@@ -408,7 +408,7 @@ def default_folder() -> Path:
 
 
 def read_results(path: Path) -> Rows:
-    """Return a run's scored rows as trials ended; ConfigError if none or another task.
+    """Return scored rows in the order of ends; ConfigError if none or of another task.
 
     The run may be unfinished.
 
@@ -425,7 +425,7 @@ def read_results(path: Path) -> Rows:
 
 
 def select_scored(run_file: RunFile, rows: Rows) -> Rows:
-    """Return rows that failed by no outside fault; ConfigError if of another task.
+    """Return the rows without outside faults; ConfigError if one is of another task.
 
     Args:
         run_file: The folder's run.json.

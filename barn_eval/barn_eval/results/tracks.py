@@ -158,7 +158,7 @@ class Track:
 
     @cached_property
     def packed(self) -> dict[str, Any]:
-        """JSON-ready data as read from a file, or packed now with rounded samples."""
+        """JSON-ready samples, contact, steps and note: as read, or packed now."""
         if self.content is not None:
             return {key: self.content[key] for key in _PACKED}
         steps = self.steps

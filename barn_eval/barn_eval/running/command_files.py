@@ -51,7 +51,7 @@ def hash_command_files(words: Sequence[str]) -> dict[str, str]:
 
 
 def hash_folder(folder: Path) -> str:
-    """Return one SHA-256 of a folder's files and names, except bytecode and hidden.
+    """Return one SHA-256 of a folder's files, without bytecode and hidden ones.
 
     Raises:
         ConfigError: If a file is too large or cannot be read.

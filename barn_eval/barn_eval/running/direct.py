@@ -162,7 +162,7 @@ class _DirectTrial:
         )
 
     def run(self) -> Verdict:
-        """Run the trial until a verdict and return it; simulator errors are one too."""
+        """Run the trial and return its verdict, also after a simulator's error."""
         spec = self._spec
         trial = self.trial
         simulator = Simulator(
@@ -272,7 +272,7 @@ class _DirectTrial:
 
 
 def _make_plain(answer: RuntimeOutput) -> RuntimeOutput:
-    """Return an answer as copies of plain types; TypeError if its command has another.
+    """Return an answer in plain types; TypeError if its command is no Velocity2D.
 
     A planner's own types could compute or fail when they are read, after its cycle.
 

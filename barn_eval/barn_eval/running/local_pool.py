@@ -43,7 +43,7 @@ class LocalPool(WorkerPool):
     """
 
     def __init__(self, work: Work, workers: int, trial_limit_s: float):
-        """Prepare the pool, start no process; ConfigError if work cannot be pickled.
+        """Prepare the pool, start no process; ConfigError if `work` cannot be pickled.
 
         Args:
             work: What workers do with jobs.
@@ -230,7 +230,7 @@ class _Worker:
             self._excused_s += gap_s
 
     def extend(self) -> bool:
-        """Move the deadline once, by the limit, if the machine was slow; tell if moved.
+        """Move the deadline once, by the limit, if the machine was slow; tell whether.
 
         That is: it withheld a processor or stood still.
 

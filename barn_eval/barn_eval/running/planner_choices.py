@@ -61,7 +61,7 @@ def read_planners(
 
 
 def pop_texts(content: dict[str, Any], option: str, where: str) -> list[str]:
-    """Remove an option and return its texts, [] without it; ConfigError for others.
+    """Remove an option and return its texts, [] without it; ConfigError if not texts.
 
     Args:
         content: Options by name, changed in place.
@@ -302,7 +302,7 @@ def _has_parameter(planner: str, key: str) -> bool:
 def _set_parameters(
     planner: PlannerChoice, parameters: Mapping[str, Any], where: str
 ) -> PlannerChoice:
-    """Return a planner with these overrides only; speed cap, compute keys are fields.
+    """Return a planner with only these overrides; speed cap and compute set its fields.
 
     Speed cap (of a planner that a command starts) and "compute.KEY" become its fields.
     """

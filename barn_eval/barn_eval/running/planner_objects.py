@@ -74,7 +74,7 @@ class FunctionPlanner(Planner):
         self._task = task
 
     def step(self, observation: Observation) -> Decision:
-        """Return the function's command, None to send none; TypeError for another.
+        """Return what the function commands, if anything; TypeError for other answers.
 
         Raises:
             TypeError: If the function returns anything but None, a command or two

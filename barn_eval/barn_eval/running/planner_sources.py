@@ -55,7 +55,7 @@ class PlannerSource:
         return texts, {name for name in modules if "." not in name}
 
     def missing_modules(self, environment: Mapping[str, str]) -> dict[str, str]:
-        """Run its Python; return what supplies each module that it lacks, by name.
+        """Run its Python; return what supplies modules that it cannot find, by name.
 
         Args:
             environment: Variables that the planner is started with.
@@ -73,7 +73,7 @@ class PlannerSource:
         return {name: supplier(name) for name in search.stdout.split()}
 
     def goal_arguments(self) -> str:
-        """Return ROS arguments that fill its goal parameters, empty if it has none."""
+        """Return ROS arguments with placeholders for its goal parameters, or ""."""
         texts, _ = self.read()
         arguments = ""
         for name, number in _GOAL_PARAMETER.findall("\n".join(texts.values())):
@@ -112,7 +112,7 @@ def read_source(command: str) -> PlannerSource:
 
 
 def supplier(module: str) -> str:
-    """Return a line on what supplies a module, or that this is not known."""
+    """Return a line on what supplies a module, or that it is not known here."""
     for pattern, text in _SUPPLIERS.items():
         if re.fullmatch(pattern, module):
             return str(text).format(name=module.replace("_", "-"))

@@ -96,7 +96,7 @@ class ConsoleReporter(Reporter):
 
     @property
     def _shows_bar(self) -> bool:
-        """Whether a bar is shown: on a terminal or able notebook, unless quiet."""
+        """Whether a bar is shown: on a terminal or able notebook, if not quiet."""
         if self._verbosity is Verbosity.QUIET:
             return False
         # Notebooks need widgets for a bar; without them, they get lines.

@@ -113,7 +113,7 @@ class RunRequest:
 
 
 def _pop_courses(content: dict[str, Any], where: str) -> list[tuple[float, ...]]:
-    """Remove and return several courses; else return [] and unwrap a nested one."""
+    """Remove and return several courses; else return [] and unwrap a single one."""
     courses = content.get("course")
     if not isinstance(courses, Sequence) or not all(
         isinstance(course, Sequence) and not isinstance(course, str)

@@ -196,7 +196,7 @@ def make_shared_pool(execution: ExecutionConfig) -> WorkerPool:
 
 
 def check_limits(trials: Sequence[TrialSpec]) -> str:
-    """Return a warning on trials short of time, or ""; ConfigError if one is too short.
+    """Return a warning on tight time limits, or ""; ConfigError if one cannot be met.
 
     Args:
         trials: Trials of a run.
@@ -239,7 +239,7 @@ def _require_time(spec: TrialSpec) -> float:
 
 
 def describe_unscored(results: Rows) -> str:
-    """Return a line that counts and names trials without a score; empty if none."""
+    """Return a line that counts unscored trials and names up to five; empty if none."""
     unscored = [row for row in results if not row.is_scored]
     if not unscored:
         return ""

@@ -268,7 +268,7 @@ def _find_contacts(
     readings: Mapping[int, Odometry],
     operator_contacts_s: Sequence[float] | None,
 ) -> set[int]:
-    """Return indices of poses with a contact since the last, by operator or bag.
+    """Return indices of poses with a contact since the one before, by operator or bag.
 
     Args:
         segment: The segment.

@@ -149,7 +149,7 @@ def _read_parameter_files(words: Sequence[str]) -> list[ParameterFile]:
 def _find_parameter(
     files: Sequence[ParameterFile], key: str
 ) -> tuple[ParameterFile, Parameter]:
-    """Return the last file with a parameter, and that; ConfigError if none or several."""
+    """Return a key's last file and its parameter; ConfigError if none or several."""
     # For the hint at a similar name.
     names: set[str] = set()
     # ROS lets a later file override an earlier one.

@@ -146,7 +146,7 @@ def fit_line(x: Floats, y: Floats) -> Line:
 
 
 def measure_difficulty(folders: Sequence[Path]) -> PhysicalFinding:
-    """Compare measured with predicted difficulty by world; ConfigError if under four.
+    """Compare measured with predicted difficulty; ConfigError below four worlds.
 
     Args:
         folders: Results of one robot or simulator; folders of the suite's own

@@ -61,7 +61,7 @@ class Ranges:
 
     @classmethod
     def read(cls, name: str) -> "Ranges":
-        """Read ranges from a YAML file, or the suite's of a planner; else ConfigError.
+        """Read ranges of a YAML file or the suite's planner; ConfigError if wrong.
 
         A range has choices, or low and high (whole numbers or not) and, to draw evenly
         over the logarithm, log: true.
@@ -235,7 +235,7 @@ class Tuner:
         self.default = self._read_default()
 
     def _read_default(self) -> dict[str, Any]:
-        """Return the current values by key of `ranges`; ConfigError if outside them.
+        """Return current values of keys in `ranges`; ConfigError if one is outside.
 
         Raises ConfigError for an unknown parameter, or a value outside its range.
         """
@@ -423,7 +423,7 @@ class Tuner:
         return tuned
 
     def means(self, trial: FrozenTrial) -> dict[str, float]:
-        """Return a setting's means by measure, in the worlds it was selected in."""
+        """Return a setting's means by measure, estimates if it was stopped early."""
         return dict(zip(self.by, trial.values, strict=True))
 
     def write_files(self, number: int, setting: Setting, verdict: str) -> list[Path]:

@@ -114,7 +114,7 @@ class McapFile:
         self._file.close()
 
     def messages(self) -> Iterator[RawMessage]:
-        """Yield messages of new complete records; raise one of `DAMAGE` if damaged.
+        """Yield messages of records completed since the last call; raise if damaged.
 
         Raises an error of `DAMAGE` if the file is damaged.
         """
@@ -264,7 +264,7 @@ class BagFile:
         return types
 
     def messages(self, topics: Collection[str] = ()) -> Iterator[RawMessage]:
-        """Yield undecoded messages of `topics` (all if empty) until damage, in order.
+        """Yield undecoded messages, of `topics` if given, in order, up to damage.
 
         After damage, `problem` says what ended the reading. Each call begins at the
         start of the bag.
@@ -300,7 +300,7 @@ class BagFile:
             yield message
 
     def _find(self, path: Path) -> list[Path]:
-        """Return a bag's files, of one format, in part order; BagError if none.
+        """Return a bag's files, all of one format, by part; BagError if there are none.
 
         Raises:
             BagError: If there is no bag.
@@ -464,7 +464,7 @@ def _unpack(message: RawMessage) -> RawMessage:
 
 
 def _sqlite_messages(path: Path) -> Iterator[RawMessage]:
-    """Yield messages of a .db3 file, of type "" if not CDR; raise if it is damaged."""
+    """Yield messages of a .db3 file, with type "" if not CDR; raise if damaged."""
     _require_plain(path)
     uri = f"{path.absolute().as_uri()}?mode=ro"
     with closing(sqlite3.connect(uri, uri=True)) as database:

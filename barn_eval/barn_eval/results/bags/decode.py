@@ -49,7 +49,7 @@ def _number(data: bytes) -> float:
 
 
 def _scan(data: bytes) -> Scan:
-    """Return a LaserScan; MessageError if its beams are 0, too many, or not finite."""
+    """Return a LaserScan; MessageError for 0 or too many beams, or infinite angles."""
     scan = decode.scan(data)
     if not 0 < len(scan.ranges) <= _MAX_BEAMS:
         raise MessageError(f"a scan of {len(scan.ranges)} beams")
@@ -59,7 +59,7 @@ def _scan(data: bytes) -> Scan:
 
 
 def _grid(data: bytes) -> OccupancyMap:
-    """Return an OccupancyGrid's map; MessageError if empty, too large, or infinite."""
+    """Return an OccupancyGrid's map; MessageError if empty, too large or not finite."""
     grid = decode.occupancy_map(data)
     if not 0 < grid.data.size <= _MAX_CELLS or grid.resolution <= 0.0:
         raise MessageError(f"a grid of {grid.data.size} cells of {grid.resolution} m")
@@ -156,7 +156,7 @@ def frame_and_content(topic: str, type_name: str, data: bytes) -> tuple[str, Any
 
 
 def map_frame(trial: dict[str, Any]) -> Pose2D:
-    """Return the planner's map frame in that of true poses, the identity if unknown.
+    """Return the planner's map frame in the true map frame, the identity if unknown.
 
     Map and localization of a trial may be shifted by this offset.
     """

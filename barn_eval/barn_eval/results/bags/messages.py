@@ -145,7 +145,7 @@ class ScoreReporter:
 
 
 def running_score(standing: Standing, course: Course) -> float:
-    """Return the verdict's metric, or that of an arrival now; 0 without optimal time.
+    """Return the verdict's challenge metric or an arrival's now; 0 if no optimal time.
 
     Args:
         standing: State of the trial.

@@ -47,7 +47,7 @@ class RecordedMotions:
         return jumps
 
     def at(self, times_s: Floats) -> Floats:
-        """Return places (t, n, 2) in m at times (t,), at most 0.1 s past the last pose.
+        """Return places (t, n, 2) [m] at times (t,), extrapolated by at most 0.1 s.
 
         Motion is linear between two poses, and goes on for a moment after the last one.
         """

@@ -62,7 +62,7 @@ class ObservedDrive:
 
 
 def read_observed_drive(path: Path, sources: Sources) -> ObservedDrive:
-    """Return a robot's drive up to damage, named in `problem`; BagError if no poses.
+    """Read a robot's drive, up to damage that `problem` names; BagError without poses.
 
     Raises:
         BagError: If the bag cannot be read, or has no poses of a robot.

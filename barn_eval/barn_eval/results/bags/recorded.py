@@ -129,7 +129,7 @@ class RecordedTrial:
         return clearance
 
     def goal_pose(self) -> Pose2D | None:
-        """Return the goal pose in the frame of `poses`, the true one if known, or None.
+        """Return the true goal pose, else the bag's, in the frame of `poses`, or None.
 
         Frames are taken at the start, when they agree best.
         """
@@ -149,7 +149,7 @@ ItemsByTopic = Mapping[topics.Topic, list[TimedItem]]
 
 
 def read_recorded_trial(path: Path, sources: Sources = NO_SOURCES) -> RecordedTrial:
-    """Return a bag's trial as arrays, `notes` name damage; BagError without poses.
+    """Read a bag into arrays, up to damage that `notes` name; BagError without poses.
 
     Args:
         path: The bag, in any format that `BagFile` reads.
@@ -274,7 +274,7 @@ def _list_gaps(
 def _read_items(
     bag: BagFile, choice: TopicChoice, unreadable: dict[str, str]
 ) -> dict[topics.Topic, list[TimedItem]]:
-    """Return decoded messages by topic, 0 s at the first pose; fill `unreadable`.
+    """Return decoded items by topic, 0 s at the first pose; `unreadable` gets reasons.
 
     Args:
         bag: The bag.

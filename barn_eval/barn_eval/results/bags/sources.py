@@ -60,7 +60,7 @@ class TopicChoice:
     """
 
     def __init__(self, bag: BagFile, sources: Sources):
-        """Choose topics by users' names, the suite's, or type; BagError if missing.
+        """Choose topics by the user's names, the suite's, or type; BagError if missing.
 
         Args:
             bag: The bag, which is read to its end.
@@ -92,7 +92,7 @@ class TopicChoice:
         self._add(topics.GOAL_POSE, *goals)
 
     def _add(self, topic: topics.Topic, *names: str) -> None:
-        """Let a bag's topic stand for a suite's; skip several, missing and taken ones."""
+        """Let one bag topic stand for a suite's; ignore missing or taken ones."""
         is_known = topic.path in self.paths.values()
         if len(names) == 1 and names[0] in self._bag.types and not is_known:
             self.paths.setdefault(names[0], topic.path)
@@ -178,7 +178,7 @@ class PoseReader:
         self._chain = list(pairwise(frames))
 
     def read(self, message: RawMessage) -> Iterator[Odometry]:
-        """Yield the poses in a message of `topics`, NaN without velocity; set `frame`.
+        """Yield poses in a message of `topics`, velocity NaN if missing; set `frame`.
 
         Raises:
             MessageError: If the message is malformed.

@@ -127,7 +127,7 @@ def group_trials(results: Rows, subject: str) -> dict[str, PlannerTrials]:
 def _planner_trials(
     planner: str, results: Rows, worlds: list[int], subject: str
 ) -> PlannerTrials:
-    """Return a planner's trials as full arrays; ConfigError if it lacks repetitions.
+    """Return trials as arrays (worlds, repetitions); ConfigError if one is missing.
 
     Raises ConfigError if a trial is missing, or there is only one per world.
     """
