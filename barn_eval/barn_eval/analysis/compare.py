@@ -250,7 +250,7 @@ def compare_folders(
     progress: Callable[[float], None] = lambda _: None,
     selections: Sequence[Selection] = (),
 ) -> list[Comparison]:
-    """Compare planners of one or two folders pair by pair, adjusted by Holm.
+    """Compare planners of one or two folders pairwise, after Holm; BarnError if none.
 
     If both folders hold several planners and none is selected, planners of the same name
     are compared and their labels name the folder.
@@ -339,7 +339,7 @@ def read_selections(a: Path, b: Path | None = None) -> list[Selection]:
 
 
 def read_selection(path: Path) -> Selection:
-    """Read FOLDER or FOLDER:PLANNER,PLANNER; return (source, scored rows by planner).
+    """Read FOLDER[:PLANNER,...]; return (source, rows by planner); BarnError if none.
 
     Args:
         path: FOLDER, FOLDER:PLANNER or FOLDER:PLANNER,PLANNER. A table may take the

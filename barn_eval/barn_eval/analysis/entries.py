@@ -168,7 +168,7 @@ def computing_of(results: Rows) -> Computing:
 
 
 def read_entries(paths: Sequence[Path]) -> list[Entry]:
-    """Read results folders and sweeps; return a labeled entry per planner and folder.
+    """Return a labeled entry per planner and folder or setting; ConfigError for twins.
 
     The folder of a sweep stands for the folders of its settings.
 

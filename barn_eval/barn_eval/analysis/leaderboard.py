@@ -118,7 +118,7 @@ def _trial_keys(entry: Entry) -> Iterator[TrialKey]:
 def make_boards(
     paths: Sequence[Path], ranking: str = "", worlds: str = "all"
 ) -> list[Board]:
-    """Read results folders and rank their planners, one board per comparable group.
+    """Rank planners of folders, a board per comparable group; ConfigError if tasks mix.
 
     There is a board for each protocol, system, speed class, compute mode and set of
     worlds. Planners are in the order of their means. Planners share a rank if their
@@ -216,7 +216,7 @@ def board_rows(boards: Sequence[Board]) -> list[dict[str, Any]]:
 
 
 def make_board(entries: Sequence[Entry], measure: Measure) -> Board:
-    """Rank entries by a measure over trials that all have, and test every pair.
+    """Rank entries by a measure, testing every pair; ConfigError if tasks differ.
 
     Args:
         entries: At least one, with distinct labels.

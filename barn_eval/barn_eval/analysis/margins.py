@@ -27,7 +27,7 @@ class Margin:
 
     @classmethod
     def parse(cls, text: str) -> "Margin":
-        """Parse "MEASURE:NUMBER" or "MEASURE:PERCENT%" of A's mean, or ConfigError.
+        """Parse "MEASURE:NUMBER" or "MEASURE:PERCENT%" of A; ConfigError if neither.
 
         Raises:
             ConfigError: If the text names no measure with a better direction, or the

@@ -106,7 +106,7 @@ def estimate_precision(
     measure_key: str = "",
     repetitions: int | None = None,
 ) -> Precision:
-    """Estimate how many worlds a mean's interval or a difference of two means needs.
+    """Return how many worlds a mean or a difference of two needs; BarnError if unknown.
 
     Args:
         results: Results by planner. With two planners, their difference is estimated.

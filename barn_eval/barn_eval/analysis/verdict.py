@@ -303,7 +303,7 @@ def _describe_lead(ranking: Ranking, measure: Measure, certainty: str) -> str:
 def conclude_results(
     results: RowsByPlanner, comparisons: Sequence[Comparison] = ()
 ) -> Conclusion:
-    """Rank planners by their protocol's measure; return the conclusion in sentences.
+    """Conclude who leads by the protocol's measure; ConfigError if tasks differ.
 
     Args:
         results: Results by planner, of at least one, all of one protocol.

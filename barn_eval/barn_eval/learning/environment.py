@@ -138,7 +138,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Vector, Info]:
-        """Begin a trial; return first observation and info, placeholders in a batch.
+        """Begin a trial; return observation and info, zeros and {} in a batch.
 
         Args:
             seed: Seed of everything that is drawn from now on; None keeps the
@@ -174,7 +174,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
     def step(
         self, action: npt.NDArray[np.floating]
     ) -> tuple[Vector, float, bool, bool, Info]:
-        """Drive by an action (2,) from -1 to 1 and judge; ResetNeeded after the end.
+        """Drive by an action (2,) from -1 to 1 and judge; ResetNeeded if none runs.
 
         Args:
             action: Action (2,), as of `barn_planners.policy.space`.
@@ -390,7 +390,7 @@ class JackalVectorEnv(SyncVectorEnv):
     def step(
         self, actions: npt.NDArray[np.floating]
     ) -> tuple[npt.NDArray[Any], Floats, Bools, Bools, Info]:
-        """Drive all robots for one step by actions (n, 2); begin due episodes.
+        """Drive robots by actions (n, 2); begin due episodes; ResetNeeded if one ended.
 
         Args:
             actions: Actions (n, 2), as of `barn_planners.policy.space`.

@@ -196,7 +196,7 @@ class ResultsFolder:
         self._completed_ids.add(trial_id)
 
     def write_note(self, kind: str, trial_id: str, text: str) -> None:
-        """Append a text, with the time in UTC, to KIND/TRIAL_ID.txt in the folder.
+        """Append a text with UTC time to KIND/TRIAL_ID.txt; StoreError if that fails.
 
         Args:
             kind: Folder of such texts, LOSSES or TRACEBACKS.

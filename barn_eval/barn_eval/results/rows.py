@@ -70,7 +70,7 @@ class RowFile:
         self.path = folder / ROWS_FILE
 
     def append(self, result: TrialResult) -> None:
-        """Append a row with its checksum to results.jsonl and sync it to the disk.
+        """Append a row to results.jsonl and sync it; StoreError keeps earlier rows.
 
         Raises:
             StoreError: If this fails; the earlier rows are kept.
@@ -254,7 +254,7 @@ def unseal_line(line: str, where: str) -> str:
 
 
 def append_line(path: Path, line: str) -> None:
-    """Append a line with its checksum, in place of a torn one, and sync it to the disk.
+    """Append a line with checksum after the last whole one, synced; StoreError if not.
 
     Args:
         path: File of rows, tracks or commands, which has one writer.
@@ -339,7 +339,7 @@ def timing_table(results: Rows) -> pa.Table:
 
 
 def write_tables(folder: Path, results: Rows) -> None:
-    """Replace results and timing tables in a folder, each as .parquet and .csv.
+    """Replace results and timing tables (.parquet and .csv); StoreError if one fails.
 
     Args:
         folder: The run's folder.

@@ -106,7 +106,7 @@ class RunFile:
             raise ConfigError(f"{error}{self.origin_note()}") from None
 
     def task(self) -> dict[str, Any]:
-        """Return the content of the task fingerprint, with this version's defaults.
+        """Return the fingerprint's content, defaults added; ConfigError if unreadable.
 
         Raises:
             ConfigError: As in `run_config`.

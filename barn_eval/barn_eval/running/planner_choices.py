@@ -135,7 +135,7 @@ def _set_command(planners: list[PlannerChoice], name: str, command: str) -> None
 
 
 def read_planner(entry: Any, where: str) -> PlannerChoice:
-    """Return the planner of "[NAME=]PLANNER[:PRESET]", of a mapping, or of a choice.
+    """Return the planner of "[NAME=]PLANNER[:PRESET]", a mapping (hashed) or a choice.
 
     Args:
         entry: "NAME", "NAME:PRESET", "NEW_NAME=NAME:PRESET" for a planner that is filed

@@ -97,7 +97,7 @@ class FunctionPlanner(Planner):
 def split_planner_objects(
     planners: Planners,
 ) -> tuple[list[Any], dict[str, PlannerObject]]:
-    """Return planners as entries for `read_planners`, and Python objects by name.
+    """Return (entries for `read_planners`, Python objects by name); or ConfigError.
 
     Args:
         planners: What `barn.run` takes as `planners`.

@@ -94,7 +94,7 @@ class PlannerSource:
 
 
 def read_source(command: str) -> PlannerSource:
-    """Return the Python source of a planner command, an empty one for other programs.
+    """Return a command's Python source, empty for other programs; ConfigError if wrong.
 
     Raises:
         ConfigError: If the command names a package without that executable.

@@ -59,7 +59,7 @@ class Work(ABC):
 
     @abstractmethod
     def run(self, job: Any, emit: Emit) -> Any:
-        """Run a job to its end in the worker's own process and return its result.
+        """Run a job in the worker's process and return its result, None if all emitted.
 
         Args:
             job: What `jobs` returns, or another kind of work.

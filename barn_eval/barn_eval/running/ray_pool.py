@@ -133,7 +133,7 @@ class RayPool(WorkerPool):
             ) from None
 
     def _receive(self, reference: object) -> Report:
-        """Return the report of a task that ended, or the loss of its worker."""
+        """Return an ended task's report or loss; ConfigError if Ray cannot start it."""
         # Whatever comes of it, the job is over.
         key, _ = self._running.pop(reference)
         errors = self._ray.exceptions

@@ -197,7 +197,7 @@ def read_request(file: Path | None, options: Mapping[str, object]) -> RunRequest
 
 
 def _check_for_ros(execution: ExecutionConfig, where: str) -> ExecutionConfig:
-    """Return the execution for mode ros: one worker with ROS_DOMAIN_ID, or ConfigError.
+    """Return the execution, one worker if ROS_DOMAIN_ID is set; ConfigError if unfit.
 
     Raises:
         ConfigError: If the engine is not local, or if there are several workers on one
@@ -221,7 +221,7 @@ def _check_for_ros(execution: ExecutionConfig, where: str) -> ExecutionConfig:
 def _take_objects(
     options: Mapping[str, object],
 ) -> tuple[dict[str, Any], dict[int, World] | None, dict[str, PlannerObject]]:
-    """Return options as plain data, and the worlds and planners that are objects.
+    """Return options as plain data, worlds that are objects (or None), and planners.
 
     Objects are worlds by number, None without any, and planners by name.
     """
@@ -247,7 +247,7 @@ def _take_objects(
 
 
 def _read_config(content: dict[str, Any], where: str) -> RunConfig:
-    """Return a run's configuration; remove its keys from `content`."""
+    """Return a run's configuration, taking keys off `content`; ConfigError if wrong."""
     protocol = content.pop("protocol", CHALLENGE)
     if isinstance(protocol, str):
         protocol = load_protocol(protocol)

@@ -39,7 +39,7 @@ def open_run(
     overwrite: bool = False,
     pool: WorkerPool | None = None,
 ) -> Iterator["Run"]:
-    """Open a run's folder, new or to resume, and stop on signals; no trial runs yet.
+    """Open or resume a run's folder; signals interrupt; BarnError if it is another's.
 
     Args:
         request: The run and its folder.
@@ -100,7 +100,7 @@ class Run:
     pool: WorkerPool | None
 
     def drive(self, worlds: Collection[int] | None = None) -> Rows:
-        """Run missing trials and return all results; write tables if none is missing.
+        """Run missing trials, of `worlds` or all; return all rows; write final tables.
 
         Args:
             worlds: Numbers of the worlds to drive in. By default, all.

@@ -137,7 +137,7 @@ class _Loop:
                     del self.running[report.key]
 
     def _retry(self, job: Job, loss: JobLoss) -> Iterator[Event]:
-        """Note a loss and put the job back in front; give up at the limit, or RunError.
+        """Note a loss, put the job back in front or give up; RunError after too many.
 
         The job continues with its first trial without a result. After the last attempt,
         that trial is given up.

@@ -68,7 +68,7 @@ class ParameterFile:
 def change_command(
     command: str, values: Mapping[str, Any], copy: Path
 ) -> tuple[str, dict[Path, bytes]]:
-    """Return a command with other ROS parameters, and the files it needs as bytes.
+    """Return a command with other ROS parameters, and files for it, not yet written.
 
     Nothing is written; values go into copies of its parameter files, else after `-p`.
 
@@ -112,7 +112,7 @@ def change_command(
 
 
 def read_parameters(command: str, keys: Sequence[str]) -> dict[str, Any]:
-    """Return values of ROS parameters in a command's YAML files, {} without a file.
+    """Return ROS parameters of a command's YAML files, {} without any; or ConfigError.
 
     Args:
         command: Command of the planner.
@@ -134,7 +134,7 @@ def read_parameters(command: str, keys: Sequence[str]) -> dict[str, Any]:
 
 
 def _read_parameter_files(words: Sequence[str]) -> list[ParameterFile]:
-    """Return the parsed YAML file after each --params-file in a command's words."""
+    """Return the YAML file after each --params-file; ConfigError if no mapping."""
     files = []
     for place, word in enumerate(words[1:], 1):
         if words[place - 1] != "--params-file":
@@ -216,7 +216,7 @@ class Setting:
 
 
 def make_setting(base: RunRequest, values: Mapping[str, Any], name: str) -> Setting:
-    """Return a setting: a run whose first planner has other parameters; write nothing.
+    """Return a run whose first planner has other parameters; ConfigError if unknown.
 
     Args:
         base: The run to change.
@@ -245,7 +245,7 @@ def make_setting(base: RunRequest, values: Mapping[str, Any], name: str) -> Sett
 
 
 def grid(base: RunRequest, sweep: Sweep) -> list[Setting]:
-    """Return a setting for each combination of values, or each delay; write nothing.
+    """Return a setting per combination of values or delay; ConfigError if not allowed.
 
     Args:
         base: The run to change.

@@ -151,7 +151,7 @@ def ab(
 def read_side(
     text: str, base: str, command: str, options: Mapping[str, object]
 ) -> RunRequest:
-    """Return the request of a side's run, in a folder named after its content.
+    """Return a side's run, in a folder named after its content; ConfigError if no side.
 
     Args:
         text: The side, as `ab` takes it.

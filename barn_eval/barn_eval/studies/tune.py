@@ -148,7 +148,7 @@ def tune(
     settings: int,
     reporter: Reporter,
 ) -> Tuning:
-    """Drive settings that Optuna draws, then judge the best ones in other worlds.
+    """Drive or resume Optuna's settings, then judge the best in other worlds.
 
     All results are kept in the folder `options["out"]`, so the same call resumes there.
 
@@ -199,7 +199,7 @@ class Tuner:
         unseen: str | None,
         reporter: Reporter,
     ):
-        """Check ranges, measures and worlds; see `tune` for arguments and errors."""
+        """Check ranges, measures and worlds for `tune`; ConfigError if one is wrong."""
         self.ranges = ranges.parameters
         self.reporter = reporter
         # In mode direct, all runs share these workers.
@@ -265,7 +265,7 @@ class Tuner:
 
     @cached_property
     def study(self) -> optuna.Study:
-        """Optuna's study in OUT/study.db, created or loaded at the first use.
+        """Optuna's study in OUT/study.db, created or loaded; ConfigError if of others.
 
         Raises:
             ConfigError: If the folder holds another tuning.
@@ -381,7 +381,7 @@ class Tuner:
         return [float(mean) for mean in values.mean(axis=0)]
 
     def judge(self) -> list[Tuned]:
-        """Drive the best settings and the default in unseen worlds; return comparisons.
+        """Drive the best settings in unseen worlds, write files, return comparisons.
 
         This writes parameter files of the best settings and, with several measures,
         front.png.

@@ -264,7 +264,7 @@ class BagFile:
         return types
 
     def messages(self, topics: Collection[str] = ()) -> Iterator[RawMessage]:
-        """Yield undecoded messages, of `topics` if given, in order, up to damage.
+        """Yield undecoded messages, of `topics` if given, up to damage; or BagError.
 
         After damage, `problem` says what ended the reading. Each call begins at the
         start of the bag.
@@ -391,7 +391,7 @@ class TrialFollower:
         self._followed: set[Path] = set()
 
     def read(self) -> tuple[bool, list[RawMessage]]:
-        """Return (whether this call began another bag, its new messages), without waiting.
+        """Return (whether a new bag began, new messages) at once; BagError if damaged.
 
         Raises:
             BagError: If the bag is damaged.

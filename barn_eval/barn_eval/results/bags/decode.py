@@ -156,7 +156,7 @@ def frame_and_content(topic: str, type_name: str, data: bytes) -> tuple[str, Any
 
 
 def map_frame(trial: dict[str, Any]) -> Pose2D:
-    """Return the planner's map frame in the true map frame, the identity if unknown.
+    """Return the planner's map frame in the true one, the identity if unspecified.
 
     Map and localization of a trial may be shifted by this offset.
     """

@@ -94,7 +94,7 @@ class RecordedTrial:
         return max(0, int(after) - 1)
 
     def to_frame(self, item: TimedItem) -> Pose2D:
-        """Return an item's frame in the trial's at that time; the identity if unknown."""
+        """Return the pose of an item's frame in the trial's, identity if unknown."""
         if item.frame == self.frame:
             return self.map_frame if item.frame == MAP else ORIGIN
         if item.frame not in (MAP, ODOM) or not np.isfinite(self.odometry).all():

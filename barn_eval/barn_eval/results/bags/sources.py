@@ -178,7 +178,7 @@ class PoseReader:
         self._chain = list(pairwise(frames))
 
     def read(self, message: RawMessage) -> Iterator[Odometry]:
-        """Yield poses in a message of `topics`, velocity NaN if missing; set `frame`.
+        """Yield a message's poses, NaN velocity if missing; MessageError if malformed.
 
         Raises:
             MessageError: If the message is malformed.
