@@ -65,7 +65,7 @@ class Place:
 
 
 def rank_by_convention(paths: Sequence[Path], convention: Convention) -> list[Place]:
-    """Rank all but the reference by counted trials, then time; ConfigError if none.
+    """Rank all but the reference by counted trials, then time; ConfigError if nobody.
 
     Args:
         paths: Results folders of one task, including those of the reference.

@@ -168,7 +168,7 @@ def computing_of(results: Rows) -> Computing:
 
 
 def read_entries(paths: Sequence[Path]) -> list[Entry]:
-    """Return a labeled entry per planner and folder or setting; ConfigError for twins.
+    """Return a labeled entry per planner and folder; ConfigError if a folder repeats.
 
     The folder of a sweep stands for the folders of its settings.
 

@@ -243,7 +243,7 @@ def repetition_spread(values: Floats, worlds: Integers) -> float:
     """Return the mean of worlds' standard deviations; NaN if no world has two trials.
 
     This is the paper's +- (Sec. IV): the divisor is n, and worlds with one trial do not
-    count. The mean is NaN if no world has two trials.
+    count.
 
     Args:
         values: One value per trial (n,); NaN does not count.
@@ -288,7 +288,7 @@ def _trial_keys(planners: Sequence[TrialValues]) -> list[Integers]:
 
 
 def difference(a: TrialValues, b: TrialValues, flips: int = FLIPS) -> Difference:
-    """Return mean, limits and p of A - B over matched trials, wary of rare failures.
+    """Return mean, limits and p of A - B over matched trials; they allow for failures.
 
     If failures count, a difference is significant only if it keeps its sign when the
     better planner fails as often as its failures so far allow. By the test alone, a

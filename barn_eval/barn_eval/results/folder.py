@@ -309,7 +309,7 @@ def find_previous(path: Path) -> RunFile | None:
 def find_completed(
     run_file: RunFile, specs: Sequence[TrialSpec], *, overwrite: bool = False
 ) -> CompletedTrials:
-    """Return this run's sessions and scored rows; ConfigError if another's are there.
+    """Return this run's sessions and scored rows, or none; ConfigError if of another.
 
     Args:
         run_file: Expected content of the folder's run.json.

@@ -43,8 +43,7 @@ class BagStore:
     def recorder(self, trial_id: str) -> Iterator[Recorder | None]:
         """Yield a recorder for a trial, whose old bag is deleted; None without bags.
 
-        An earlier bag of the trial is deleted. A bag that is not finished in the context
-        keeps its partial name.
+        A bag that is not finished in the context keeps its partial name.
         """
         if self.bags == "none":
             yield None

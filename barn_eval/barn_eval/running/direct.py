@@ -109,7 +109,7 @@ def run_direct_trial(
 def warm_up(spec: TrialSpec, *, with_planner: bool) -> None:
     """Compile kernels in a few cycles, once per process; ignore the planner's errors.
 
-    This compiles their kernels and keeps the machine code on disk, where ROS nodes find
+    Simulator, referee and planner keep their machine code on disk, where ROS nodes find
     it: on a new machine, they would otherwise compile for longer than anybody waits for
     a node.
 

@@ -198,7 +198,7 @@ def _system_of(drive: ObservedDrive, options: JudgeOptions) -> System:
 def _split(drive: ObservedDrive) -> Iterator[Segment]:
     """Yield a drive's segments, one per goal, or the whole; BagError below two poses.
 
-    A segment ends before the next goal. BagError if one has fewer than two poses.
+    A segment ends before the next goal.
     """
     count = len(drive.poses)
     if not drive.goals:

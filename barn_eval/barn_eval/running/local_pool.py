@@ -221,10 +221,7 @@ class _Worker:
         return False
 
     def excuse(self, gap_s: float) -> None:
-        """Move the deadline later by a standstill [s], in all by about the time limit.
-
-        Altogether, that is no more than about the time limit.
-        """
+        """Move the deadline later by a standstill [s], in all by about the time limit."""
         if self._excused_s < self._limit_s:
             self.deadline_s += gap_s
             self._excused_s += gap_s

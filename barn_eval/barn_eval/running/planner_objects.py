@@ -97,7 +97,7 @@ class FunctionPlanner(Planner):
 def split_planner_objects(
     planners: Planners,
 ) -> tuple[list[Any], dict[str, PlannerObject]]:
-    """Return (entries for `read_planners`, Python objects by name); or ConfigError.
+    """Return (entries for `read_planners`, objects by name); ConfigError if no planner.
 
     Args:
         planners: What `barn.run` takes as `planners`.

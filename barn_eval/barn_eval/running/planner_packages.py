@@ -109,7 +109,7 @@ class Executable:
         return [path]
 
     def make_prefix(self, prefix: Path, inherited: Mapping[str, str]) -> dict[str, str]:
-        """Link packages into a ROS prefix and return its environment; or ConfigError.
+        """Link packages into a ROS prefix; return variables; ConfigError if it fails.
 
         Args:
             prefix: Folder to make.
@@ -138,7 +138,7 @@ class Executable:
 
 
 def find_packaged(words: Sequence[str]) -> Executable | None:
-    """Return what a command starts from a package, None for others; or ConfigError.
+    """Return what a command starts from a package, or None; ConfigError if missing.
 
     Args:
         words: Words of the command.
@@ -198,7 +198,7 @@ def find_executable(text: str) -> Executable:
 
 
 def _choose(name: str, files: Sequence[Path], packages: Sequence[Path]) -> Executable:
-    """Return a name's executable or launch file, or the only one; ConfigError if wrong.
+    """Return the executable or launch file of a name, or the only one, or ConfigError.
 
     Args:
         name: Its name; empty for the only executable.

@@ -320,7 +320,7 @@ def _reuse_commands(entries: list[Any], file_planners: object, where: str) -> li
 
 
 def _read_worlds(worlds: Any) -> tuple[object, dict[int, World] | None]:
-    """Return worlds as `RunConfig` takes them and None, or "all" and World objects."""
+    """Return (worlds, None) or ("all", World objects by number); ConfigError if bad."""
     if isinstance(worlds, World):
         worlds = [worlds]
     if isinstance(worlds, Iterable) and not isinstance(worlds, Mapping):

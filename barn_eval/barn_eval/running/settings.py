@@ -112,7 +112,7 @@ def change_command(
 
 
 def read_parameters(command: str, keys: Sequence[str]) -> dict[str, Any]:
-    """Return ROS parameters of a command's YAML files, {} without any; or ConfigError.
+    """Return ROS parameters in a command's files, {} without one; ConfigError if none.
 
     Args:
         command: Command of the planner.

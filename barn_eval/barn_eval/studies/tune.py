@@ -235,7 +235,7 @@ class Tuner:
         self.default = self._read_default()
 
     def _read_default(self) -> dict[str, Any]:
-        """Return current values of keys in `ranges`; ConfigError if one is outside.
+        """Return current values of the keys in `ranges`; ConfigError if not allowed.
 
         Raises ConfigError for an unknown parameter, or a value outside its range.
         """

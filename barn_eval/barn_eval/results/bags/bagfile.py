@@ -264,7 +264,7 @@ class BagFile:
         return types
 
     def messages(self, topics: Collection[str] = ()) -> Iterator[RawMessage]:
-        """Yield undecoded messages, of `topics` if given, up to damage; or BagError.
+        """Yield raw messages of `topics` (or all) up to damage; BagError if unreadable.
 
         After damage, `problem` says what ended the reading. Each call begins at the
         start of the bag.
