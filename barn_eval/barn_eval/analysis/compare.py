@@ -113,7 +113,7 @@ class Comparison:
         return self.row(self.metric).paired.worlds
 
     def row(self, key: str) -> PairedMeasure:
-        """Return the row of a measure by its key; StopIteration if it has none."""
+        """Return the row of a measure by its key; StopIteration if there is none."""
         return next(row for row in self.rows if row.key == key)
 
     def columns(self) -> list[dict[str, Any]]:

@@ -110,7 +110,7 @@ class TrialGroup:
 
 
 def _trial_keys(entry: Entry) -> Iterator[TrialKey]:
-    """Return an iterator over the keys of an entry's trials."""
+    """Return an iterator over (world, its checksum, seed, repetition) of trials."""
     columns = [column(entry.results, path).tolist() for path in _KEY_PATHS]
     return zip(*columns, strict=True)
 

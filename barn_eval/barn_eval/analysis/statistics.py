@@ -288,7 +288,7 @@ def _trial_keys(planners: Sequence[TrialValues]) -> list[Integers]:
 
 
 def difference(a: TrialValues, b: TrialValues, flips: int = FLIPS) -> Difference:
-    """Return mean, limits and p of A - B over matched trials; they allow for failures.
+    """Return mean, limits and p of A - B over matched trials, wary of unseen failures.
 
     If failures count, a difference is significant only if it keeps its sign when the
     better planner fails as often as its failures so far allow. By the test alone, a

@@ -408,7 +408,7 @@ def default_folder() -> Path:
 
 
 def read_results(path: Path) -> Rows:
-    """Return scored rows in the order of ends; ConfigError if none or of another task.
+    """Return scored rows in order of trials' ends; ConfigError if none or another task.
 
     The run may be unfinished.
 

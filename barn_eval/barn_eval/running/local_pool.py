@@ -193,7 +193,7 @@ class _Worker:
         return True
 
     def receive(self) -> Report:
-        """Return the report that arrived, or the loss of a worker that died.
+        """Return the report that arrived, or the loss of a dead worker, killed here.
 
         After a partial result, the time limit counts anew.
         """

@@ -198,7 +198,7 @@ def find_executable(text: str) -> Executable:
 
 
 def _choose(name: str, files: Sequence[Path], packages: Sequence[Path]) -> Executable:
-    """Return the executable or launch file of a name, or the only one, or ConfigError.
+    """Return a name's executable or launch file, or the only one; ConfigError if none.
 
     Args:
         name: Its name; empty for the only executable.

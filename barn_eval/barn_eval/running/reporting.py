@@ -79,7 +79,7 @@ class Reporter:
                 self.notify(progress.line())
 
     def update(self, progress: "RunProgress") -> None:
-        """Log the state of a run if the last line is `LINE_PERIOD_S` old."""
+        """Log the state of a run if its last line is at least `LINE_PERIOD_S` old."""
         if progress.is_line_due():
             self.notify(progress.line())
 
@@ -96,7 +96,7 @@ class ConsoleReporter(Reporter):
 
     @property
     def _shows_bar(self) -> bool:
-        """Whether a bar is shown: on a terminal or able notebook, if not quiet."""
+        """Whether a bar shows: on a terminal or notebook with widgets, unless quiet."""
         if self._verbosity is Verbosity.QUIET:
             return False
         # Notebooks need widgets for a bar; without them, they get lines.

@@ -513,7 +513,7 @@ class Tuner:
 def _extrapolate(
     study: optuna.Study, world_means: Mapping[int, float], worlds: Sequence[int]
 ) -> float:
-    """Estimate the mean over all worlds of a setting that was stopped early.
+    """Estimate a stopped setting's mean over all worlds from the best setting's.
 
     The estimate is the best setting's mean plus the mean difference in the worlds that
     both drove in.

@@ -92,7 +92,7 @@ class TopicChoice:
         self._add(topics.GOAL_POSE, *goals)
 
     def _add(self, topic: topics.Topic, *names: str) -> None:
-        """Let one bag topic stand for a suite's; ignore missing or taken ones."""
+        """Let a bag's topic stand for a suite's; ignore missing or taken names."""
         is_known = topic.path in self.paths.values()
         if len(names) == 1 and names[0] in self._bag.types and not is_known:
             self.paths.setdefault(names[0], topic.path)

@@ -170,7 +170,7 @@ def paper_run(config: ReproduceConfig) -> RunConfig:
 def draw_worlds(
     world_numbers: Sequence[int], strata: int, seed: int
 ) -> tuple[int, ...]:
-    """Return a world number drawn from each of `strata` parts; all if 0 or too many.
+    """Return a random world of each of `strata` parts in order; all if 0 or too many.
 
     Args:
         world_numbers: Numbers of worlds, in order of difficulty.

@@ -102,7 +102,7 @@ class TrialsFinding:
     steeper_s: Interval
 
     def of(self, planner: str) -> PlannerFinding:
-        """Return the figures of a planner by name; StopIteration if it has none."""
+        """Return the figures of a planner by name; StopIteration if there are none."""
         return next(finding for finding in self.planners if finding.planner == planner)
 
 
