@@ -304,7 +304,7 @@ class Plot:
 
 
 def plain_text(text: str) -> str:
-    """Return text as one line of up to 40 characters without math, "-" for none."""
+    """Return text as a line of up to 40 characters, "$" escaped; "-" for none."""
     # A label comes from a folder's name, in which a dollar would begin mathematics.
     line = " ".join(text.split()).replace("$", r"\$")
     if len(line) > _MAX_TEXT_LENGTH:

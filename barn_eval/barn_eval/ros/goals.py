@@ -50,7 +50,7 @@ class TopicGoal:
         self.offered = [Endpoint(self._publisher.topic_name, GOAL_POSE.type_name, b"")]
 
     def begin(self, goal: bytes) -> None:
-        """Publish a serialized PoseStamped once connected, or raise PlannerNotReady.
+        """Publish a goal once all subscriptions, if any, connect; or PlannerNotReady.
 
         All subscriptions on the graph must connect within the limit. A planner without
         ~/ready gets the goal only once.

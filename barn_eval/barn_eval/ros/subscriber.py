@@ -302,7 +302,7 @@ class TrialQueue:
                 take(tick)
 
     def _take(self, message: Message) -> None:
-        """Count a message and put it into its tick; drop one from before the reset."""
+        """Count a message into its tick; /clock sets the time; early ones go aside."""
         if message.sent_ns < self._reset_ns:
             self._take_early(message)
             return

@@ -198,7 +198,7 @@ def find_executable(text: str) -> Executable:
 
 
 def _choose(name: str, files: Sequence[Path], packages: Sequence[Path]) -> Executable:
-    """Return a name's executable or launch file, or the only one; ConfigError if none.
+    """Return a name's executable or launch file, or with "" the only executable.
 
     Args:
         name: Its name; empty for the only executable.

@@ -292,7 +292,7 @@ def _drop_and_fill(context: Context, n: int) -> int:
 
 @kernel
 def refine(band: Floats, n: int, context: Context) -> int:
-    """Drop redundant bubbles, fill gaps in place; return the count, below 0 on failure.
+    """Drop redundant bubbles, fill gaps; return count, or below 0, band unchanged.
 
     Follows `EBandPlanner::refineBand`.
 

@@ -100,7 +100,7 @@ class FusedOdometry:
 
 @kernel
 def integrate_wheels(robot: Record, tick_s: float) -> None:
-    """Add a tick of wheel speed, along the noisy heading, to the odometry's x and y.
+    """Set odometry speed from the wheels; move its x, y a tick along noisy heading.
 
     Args:
         robot: Record of the robot.

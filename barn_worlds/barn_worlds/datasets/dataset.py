@@ -275,7 +275,7 @@ def _open_folder(path: Path, robot: Robot) -> Dataset:
 
 
 def _open_worlds(name: str, files: Sequence[Path], robot: Robot) -> Dataset:
-    """Return a data set with one world per file, or one per route if maps have any."""
+    """Return a data set of worlds read on demand: one per file, or route if any."""
     numbers = [single.number_in(file) for file in files]
     is_unique = None not in numbers and len(set(numbers)) == len(files)
     readers: dict[int, Callable[[], World]] = {}

@@ -118,7 +118,7 @@ class NpzFormat:
         return text
 
     def read(self, path: Path) -> tuple[dict[str, Any], Arrays]:
-        """Read header and arrays by name of a .npz; WorldError for another schema.
+        """Read a .npz's header and arrays; BarnError if damaged or of another schema.
 
         Raises:
             BarnError: If the file is damaged or of another version.
@@ -145,7 +145,7 @@ class NpzFormat:
     def array(
         self, arrays: Arrays, name: str, path: Path, shape: Shape, kind: str
     ) -> AnyArray:
-        """Return a file's array by name; WorldError if shape, type or values are wrong.
+        """Return a named array; WorldError unless finite, of that shape and dtype.
 
         Args:
             arrays: The arrays that `read` returned.

@@ -129,7 +129,7 @@ class RecordedTrial:
         return clearance
 
     def goal_pose(self) -> Pose2D | None:
-        """Return the true goal pose, else the bag's, in the frame of `poses`, or None.
+        """Return the goal in the frame of `poses`: true, else the bag's, else None.
 
         Frames are taken at the start, when they agree best.
         """
