@@ -56,7 +56,7 @@ def plan(
 ) -> None:
     """Write a plan for building WORLD: coordinates, counts, tape distances, and tiles to scale."""
     if box is not None and post is not None:
-        raise click.UsageError("--box and --post exclude each other")
+        raise click.UsageError("--box and --post cannot be used together")
     if box is not None:
         config |= {"shape": "box", "size_m": box}
     if post is not None:

@@ -277,7 +277,7 @@ def make_console_reporter(quiet: bool, verbose: bool) -> ConsoleReporter:
         click.UsageError: If both are set.
     """
     if quiet and verbose:
-        raise click.UsageError("--quiet and --verbose exclude each other")
+        raise click.UsageError("--quiet and --verbose cannot be used together")
     if quiet:
         return ConsoleReporter(notes, Verbosity.QUIET)
     if verbose:

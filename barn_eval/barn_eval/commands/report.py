@@ -43,7 +43,7 @@ class ReportSettings(Checked):
     "-o",
     "--out",
     help="File for the page [default: report.html in FOLDER, or in the current folder"
-    " for several].",
+    " if several are given].",
 )
 @flag_option("--open", "is_opened", help="Open the page in a browser.")
 @click.option(

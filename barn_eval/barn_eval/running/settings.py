@@ -384,7 +384,7 @@ def _require_values(sweep: Sweep) -> None:
         for value in values:
             if not isinstance(value, (str, bool, int, float)):
                 raise ConfigError(
-                    f"sweep of {format_value(key)}: a value must be a number, a text,"
+                    f"sweep of {format_value(key)}: a value must be a number, a string,"
                     f" true or false, got {value!r}"
                 )
     # Before any setting is made, since a typo may ask for millions.

@@ -268,7 +268,7 @@ SWEEPS = """
 {sweep: {dwa.path_weight: []}}
     must be a list of values
 {sweep: {dwa.path_weight: [[1]]}}
-    a value must be a number, a text, true or false
+    a value must be a number, a string, true or false
 {sweep: {dwa.path_weight: [0.5, 0.5]}}
     names one value twice
 """

@@ -43,7 +43,8 @@ class CostmapConfig(Checked):
     )
     inscribed_radius_m: float = quantity(
         0.0,
-        "cells within this distance of obstacles cost 253; 0: use the footprint's radius",
+        "cells within this distance of obstacles cost 253; 0: use the padded"
+        " footprint's inscribed radius",
         "m",
         minimum=0.0,
     )

@@ -32,7 +32,7 @@ class DriveConfig(Checked):
         0.08, "time until a command takes effect (assumed)", "s", 0.0, 1.0
     )
     motor_lag_s: float = optional(
-        0.0, "time constant of the wheels behind the controller", "s", 0.0, 10.0
+        0.0, "time constant of the wheels' lag behind the controller", "s", 0.0, 10.0
     )
     max_reverse_m_s: float = optional(
         10.0, "largest reverse speed, if below max_speed_m_s", "m/s", 0.0, 10.0
