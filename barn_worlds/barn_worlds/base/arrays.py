@@ -42,14 +42,13 @@ _Function = TypeVar("_Function", bound=Callable[..., object])
 class _Kernel:
     """A function that numba compiles on its first call.
 
-    Importing numba takes longer than all else that `barn run --help` needs.
+    Help and completion import kernels but call none, so they need no numba.
     """
 
     def __init__(
         self, function: Callable[..., object], options: dict[str, Any]
     ) -> None:
         update_wrapper(self, function)
-        self._function = function
         self._options = options
 
     def __call__(self, *arguments: Any) -> object:
@@ -59,21 +58,24 @@ class _Kernel:
         # What else numba's functions have, such as `py_func`.
         if name == "compiled":
             return self._compile()
+        # A copy asks for these before it has any state.
+        if name.startswith("_"):
+            raise AttributeError(name)
         return getattr(self.compiled, name)
 
     def _compile(self) -> Any:
         import numba  # noqa: PLC0415 (see above)
 
-        self.compiled = numba.njit(**self._options)(self._function)
+        self.compiled = numba.njit(**self._options)(self.__wrapped__)
         # A compiled function can only call those that numba knows.
-        scope = self._function.__globals__
+        scope = self.__wrapped__.__globals__
         for name, value in list(scope.items()):
             if isinstance(value, _Kernel):
                 scope[name] = value.compiled
         return self.compiled
 
 
-def njit(**options: Any) -> Callable[[_Function], _Function]:
+def _njit(**options: Any) -> Callable[[_Function], _Function]:
     """Return a decorator like numba's njit, importing numba on the first call only."""
 
     def decorate(function: _Function) -> _Function:
@@ -88,14 +90,14 @@ def kernel(function: _Function) -> _Function:
     A division by zero gives inf or NaN, as in numpy. Python's exception would cost a
     branch at every division, and would keep loops from being vectorized.
     """
-    return njit(cache=True, error_model="numpy")(function)
+    return _njit(cache=True, error_model="numpy")(function)
 
 
 def strict_kernel(function: _Function) -> _Function:
     """Return a function compiled as by `kernel`, whose divisions by zero raise."""
-    return njit(cache=True)(function)
+    return _njit(cache=True)(function)
 
 
 def inline_kernel(function: _Function) -> _Function:
     """Return a function compiled as by `kernel` and inlined where kernels call it."""
-    return njit(cache=True, error_model="numpy", forceinline=True)(function)
+    return _njit(cache=True, error_model="numpy", forceinline=True)(function)
