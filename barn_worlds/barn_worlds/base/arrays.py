@@ -63,15 +63,15 @@ class _Kernel:
             raise AttributeError(name)
         return getattr(self.compiled, name)
 
+    @property
+    def _numba_type_(self) -> Any:
+        """What numba asks of a function that a compiled one calls."""
+        return self.compiled._numba_type_
+
     def _compile(self) -> Any:
         import numba  # noqa: PLC0415 (see above)
 
         self.compiled = numba.njit(**self._options)(self.__wrapped__)
-        # A compiled function can only call those that numba knows.
-        scope = self.__wrapped__.__globals__
-        for name, value in list(scope.items()):
-            if isinstance(value, _Kernel):
-                scope[name] = value.compiled
         return self.compiled
 
 
