@@ -7,7 +7,6 @@ import base64
 import zlib
 from dataclasses import replace
 
-import gymnasium
 import numpy as np
 import planners
 import pytest
@@ -241,6 +240,7 @@ def test_an_overlay_shows_ways_and_what_was_hit(folder, world):
 
 def test_pictures_of_an_environment_show_what_moves(monkeypatch):
     arena = {"dataset": "dynabarn60", "worlds": str(WORLD), "protocol": "dynabarn"}
+    gymnasium = pytest.importorskip("gymnasium")
     env = gymnasium.make(
         "barn_eval.gym:barn/Jackal-v0", render_mode="rgb_array", **arena
     )

@@ -6,8 +6,6 @@
 
 #include "nav2_core/controller_exceptions.hpp"
 #include "nav2_core/planner_exceptions.hpp"
-#include "nav2_util/node_utils.hpp"
-#include "tf2/LinearMath/Transform.h"
 #include "tf2_geometry_msgs/tf2_geometry_msgs.hpp"
 
 namespace nav2_lockstep
@@ -17,10 +15,10 @@ namespace
 {
 
 // A node with Nav2's name for it, whose clock shows simulated time.
-nav2_util::LifecycleNode::SharedPtr make_server(const std::string & name)
+nav2::LifecycleNode::SharedPtr make_server(const std::string & name)
 {
   auto options = rclcpp::NodeOptions().append_parameter_override("use_sim_time", false);
-  auto node = std::make_shared<nav2_util::LifecycleNode>(name, "", options);
+  auto node = std::make_shared<nav2::LifecycleNode>(name, "", options);
   take_over_clock(node->get_clock());
   return node;
 }
@@ -67,6 +65,9 @@ Navigator::Navigator(const Settings & settings)
   controller_loader_("nav2_core", "nav2_core::Controller"),
   goal_loader_("nav2_core", "nav2_core::GoalChecker"),
   progress_loader_("nav2_core", "nav2_core::ProgressChecker"),
+#if NAV2_MINOR >= 5
+  handler_loader_("nav2_core", "nav2_core::PathHandler"),
+#endif
   planned_(now_),
   last_valid_(now_)
 {
@@ -88,6 +89,13 @@ Navigator::Navigator(const Settings & settings)
   goal_checker_->initialize(node, name, local_.ros());
   progress_checker_ = load(progress_loader_, node, "progress_checker_plugins", name);
   progress_checker_->initialize(node, name);
+#if NAV2_MINOR >= 5
+  node->declare_parameter("path_handler_plugins", std::vector<std::string>{"PathHandler"});
+  nav2::declare_parameter_if_not_declared(
+    node, "PathHandler.plugin", rclcpp::ParameterValue("nav2_controller::FeasiblePathHandler"));
+  path_handler_ = load(handler_loader_, node, "path_handler_plugins", name);
+  path_handler_->initialize(node, node->get_logger(), name, local_.ros(), local_.ros()->getTfBuffer());
+#endif
   controller_ = load(controller_loader_, node, "controller_plugins", name);
   controller_->configure(node, name, local_.ros()->getTfBuffer(), local_.ros());
   controller_->activate();
@@ -106,7 +114,7 @@ Navigator::~Navigator()
 
 template<typename Plugin>
 std::shared_ptr<Plugin> Navigator::load(
-  pluginlib::ClassLoader<Plugin> & loader, const nav2_util::LifecycleNode::SharedPtr & node,
+  pluginlib::ClassLoader<Plugin> & loader, const nav2::LifecycleNode::SharedPtr & node,
   const std::string & list, std::string & name)
 {
   const auto names = node->get_parameter(list).as_string_array();
@@ -114,7 +122,7 @@ std::shared_ptr<Plugin> Navigator::load(
     throw std::runtime_error(std::string(node->get_name()) + ": " + list + " is empty");
   }
   name = names.front();
-  return loader.createSharedInstance(nav2_util::get_plugin_type_param(node, name));
+  return loader.createSharedInstance(nav2::get_plugin_type_param(node, name));
 }
 
 std::vector<rclcpp::node_interfaces::NodeBaseInterface::SharedPtr> Navigator::nodes() const
@@ -197,12 +205,21 @@ void Navigator::make_plan()
   {
     throw nav2_core::PlannerTFError("the robot or the goal is not known in the planner's frame");
   }
+#if NAV2_MINOR >= 5
+  plan_ = planner_->createPlan(start, goal, {}, [] {return false;});
+#else
   plan_ = planner_->createPlan(start, goal, [] {return false;});
+#endif
   if (plan_.poses.empty()) {
     throw nav2_core::NoValidPathCouldBeFound("no path to the goal");
   }
   planned_ = now_;
+#if NAV2_MINOR >= 5
+  controller_->newPathReceived(plan_);
+  path_handler_->setPlan(plan_);
+#else
   controller_->setPlan(plan_);
+#endif
   goal_checker_->reset();
   if (first) {
     progress_checker_->reset();
@@ -226,8 +243,12 @@ geometry_msgs::msg::Twist Navigator::follow(const geometry_msgs::msg::Twist & me
   velocity.linear.x = thresholded(measured.linear.x, min_x_);
   velocity.linear.y = thresholded(measured.linear.y, min_y_);
   velocity.angular.z = thresholded(measured.angular.z, min_theta_);
-  if (goal_checker_->isGoalReached(pose.pose, end.pose, velocity)) {
-    reached_ = true;
+#if NAV2_MINOR >= 5
+  reached_ = goal_checker_->isGoalReached(pose.pose, end.pose, velocity, local_plan_);
+#else
+  reached_ = goal_checker_->isGoalReached(pose.pose, end.pose, velocity);
+#endif
+  if (reached_) {
     controller_->reset();
     return geometry_msgs::msg::Twist();
   }
@@ -235,9 +256,9 @@ geometry_msgs::msg::Twist Navigator::follow(const geometry_msgs::msg::Twist & me
     throw nav2_core::FailedToMakeProgress("no progress");
   }
   try {
-    const auto command = controller_->computeVelocityCommands(pose, velocity, goal_checker_.get());
+    const auto answer = command(pose, velocity);
     last_valid_ = now_;
-    return command.twist;
+    return answer.twist;
   } catch (const nav2_core::NoValidControl &) {
     // as in Nav2's controller server: stand still, and fail only once it lasts
     const bool patient = failure_tolerance_s_ == -1.0 ||
@@ -247,6 +268,19 @@ geometry_msgs::msg::Twist Navigator::follow(const geometry_msgs::msg::Twist & me
     }
     return geometry_msgs::msg::Twist();
   }
+}
+
+geometry_msgs::msg::TwistStamped Navigator::command(
+  const geometry_msgs::msg::PoseStamped & pose, const geometry_msgs::msg::Twist & velocity)
+{
+#if NAV2_MINOR >= 5
+  const auto goal = path_handler_->getTransformedGoal(pose.header.stamp);
+  const auto [begin, end] = path_handler_->findPlanSegment(pose);
+  local_plan_ = path_handler_->transformLocalPlan(begin, end);
+  return controller_->computeVelocityCommands(pose, velocity, goal_checker_.get(), local_plan_, goal);
+#else
+  return controller_->computeVelocityCommands(pose, velocity, goal_checker_.get());
+#endif
 }
 
 void Navigator::recover(const std::string & reason)

@@ -5,7 +5,6 @@
 
 #include "lifecycle_msgs/msg/state.hpp"
 #include "rcl/time.h"
-#include "tf2_ros/buffer.h"
 
 namespace nav2_lockstep
 {
@@ -44,7 +43,7 @@ void set_time(const rclcpp::Clock::SharedPtr & clock, const rclcpp::Time & now)
 }
 
 SteppedCostmap::SteppedCostmap(const std::string & name)
-: ros_(std::make_shared<nav2_costmap_2d::Costmap2DROS>(name, "/", name, false))
+: ros_(make_costmap(name))
 {
   take_over_clock(ros_->get_clock());
   if (ros_->configure().id() != lifecycle_msgs::msg::State::PRIMARY_STATE_INACTIVE) {

@@ -16,13 +16,15 @@
 
 #include "gtest/gtest.h"
 #include "nav2_lockstep/navigator.hpp"
-#include "nav2_util/node_utils.hpp"
-#include "tf2/utils.h"
 
 using geometry_msgs::msg::Twist;
 using nav2_lockstep::Navigator;
 using nav2_lockstep::Observation;
 using nav2_lockstep::Settings;
+using nav2_lockstep::make_costmap;
+#if NAV2_MINOR < 5
+namespace nav2 = nav2_util;
+#endif
 
 namespace
 {
@@ -155,6 +157,9 @@ public:
   : goal_(goal),
     controllers_("nav2_core", "nav2_core::Controller"),
     planners_("nav2_core", "nav2_core::GlobalPlanner"),
+#if NAV2_MINOR >= 5
+    handlers_("nav2_core", "nav2_core::PathHandler"),
+#endif
     goals_("nav2_core", "nav2_core::GoalChecker")
   {
     for (auto * costmap : {&local_, &global_}) {
@@ -167,12 +172,16 @@ public:
     min_x_ = node_->declare_parameter("min_x_velocity_threshold", 0.0001);
     min_y_ = node_->declare_parameter("min_y_velocity_threshold", 0.0001);
     min_theta_ = node_->declare_parameter("min_theta_velocity_threshold", 0.0001);
-    goal_checker_ = goals_.createSharedInstance(nav2_util::get_plugin_type_param(node_, "goal_checker"));
+    goal_checker_ = goals_.createSharedInstance(nav2::get_plugin_type_param(node_, "goal_checker"));
     goal_checker_->initialize(node_, "goal_checker", local_);
-    controller_ = controllers_.createSharedInstance(nav2_util::get_plugin_type_param(node_, "FollowPath"));
+#if NAV2_MINOR >= 5
+    path_handler_ = handlers_.createSharedInstance("nav2_controller::FeasiblePathHandler");
+    path_handler_->initialize(node_, node_->get_logger(), "PathHandler", local_, local_->getTfBuffer());
+#endif
+    controller_ = controllers_.createSharedInstance(nav2::get_plugin_type_param(node_, "FollowPath"));
     controller_->configure(node_, "FollowPath", local_->getTfBuffer(), local_);
     controller_->activate();
-    planner_ = planners_.createSharedInstance(nav2_util::get_plugin_type_param(server_, "GridBased"));
+    planner_ = planners_.createSharedInstance(nav2::get_plugin_type_param(server_, "GridBased"));
     planner_->configure(server_, "GridBased", global_->getTfBuffer(), global_);
     planner_->activate();
   }
@@ -206,8 +215,14 @@ public:
     geometry_msgs::msg::PoseStamped pose;
     if (number % kReplan == 0) {
       EXPECT_TRUE(global_->getRobotPose(pose));
+#if NAV2_MINOR >= 5
+      plan_ = planner_->createPlan(pose, goal_, {}, [] {return false;});
+      controller_->newPathReceived(plan_);
+      path_handler_->setPlan(plan_);
+#else
       plan_ = planner_->createPlan(pose, goal_, [] {return false;});
       controller_->setPlan(plan_);
+#endif
       goal_checker_->reset();
     }
     EXPECT_TRUE(local_->getRobotPose(pose));
@@ -215,11 +230,23 @@ public:
     velocity.linear.x = std::abs(velocity.linear.x) > min_x_ ? velocity.linear.x : 0.0;
     velocity.linear.y = std::abs(velocity.linear.y) > min_y_ ? velocity.linear.y : 0.0;
     velocity.angular.z = std::abs(velocity.angular.z) > min_theta_ ? velocity.angular.z : 0.0;
-    if (reached_ || goal_checker_->isGoalReached(pose.pose, plan_.poses.back().pose, velocity)) {
-      reached_ = true;
+    const auto & end = plan_.poses.back().pose;
+#if NAV2_MINOR >= 5
+    reached_ = reached_ || goal_checker_->isGoalReached(pose.pose, end, velocity, local_plan_);
+#else
+    reached_ = reached_ || goal_checker_->isGoalReached(pose.pose, end, velocity);
+#endif
+    if (reached_) {
       return Twist();
     }
+#if NAV2_MINOR >= 5
+    const auto goal = path_handler_->getTransformedGoal(pose.header.stamp);
+    const auto segment = path_handler_->findPlanSegment(pose);
+    local_plan_ = path_handler_->transformLocalPlan(segment.first, segment.second);
+    return controller_->computeVelocityCommands(pose, velocity, goal_checker_.get(), local_plan_, goal).twist;
+#else
     return controller_->computeVelocityCommands(pose, velocity, goal_checker_.get()).twist;
+#endif
   }
 
 private:
@@ -237,16 +264,19 @@ private:
   }
 
   geometry_msgs::msg::PoseStamped goal_;
-  std::shared_ptr<nav2_costmap_2d::Costmap2DROS> local_{
-    std::make_shared<nav2_costmap_2d::Costmap2DROS>("local_costmap", "/", "local_costmap", false)};
-  std::shared_ptr<nav2_costmap_2d::Costmap2DROS> global_{
-    std::make_shared<nav2_costmap_2d::Costmap2DROS>("global_costmap", "/", "global_costmap", false)};
-  nav2_util::LifecycleNode::SharedPtr node_{
-    std::make_shared<nav2_util::LifecycleNode>("controller_server")};
-  nav2_util::LifecycleNode::SharedPtr server_{
-    std::make_shared<nav2_util::LifecycleNode>("planner_server")};
+  std::shared_ptr<nav2_costmap_2d::Costmap2DROS> local_{make_costmap("local_costmap")};
+  std::shared_ptr<nav2_costmap_2d::Costmap2DROS> global_{make_costmap("global_costmap")};
+  nav2::LifecycleNode::SharedPtr node_{
+    std::make_shared<nav2::LifecycleNode>("controller_server")};
+  nav2::LifecycleNode::SharedPtr server_{
+    std::make_shared<nav2::LifecycleNode>("planner_server")};
   pluginlib::ClassLoader<nav2_core::Controller> controllers_;
   pluginlib::ClassLoader<nav2_core::GlobalPlanner> planners_;
+#if NAV2_MINOR >= 5
+  pluginlib::ClassLoader<nav2_core::PathHandler> handlers_;
+  std::shared_ptr<nav2_core::PathHandler> path_handler_;
+  nav_msgs::msg::Path local_plan_;
+#endif
   pluginlib::ClassLoader<nav2_core::GoalChecker> goals_;
   std::shared_ptr<nav2_core::Controller> controller_;
   std::shared_ptr<nav2_core::GlobalPlanner> planner_;

@@ -17,7 +17,7 @@
 #include "nav2_core/goal_checker.hpp"
 #include "nav2_core/progress_checker.hpp"
 #include "nav2_lockstep/stepped_costmap.hpp"
-#include "nav2_util/lifecycle_node.hpp"
+#include "nav2_lockstep/versions.hpp"
 #include "nav_msgs/msg/odometry.hpp"
 #include "nav_msgs/msg/path.hpp"
 #include "pluginlib/class_loader.hpp"
@@ -74,16 +74,18 @@ public:
 private:
   template<typename Plugin>
   std::shared_ptr<Plugin> load(
-    pluginlib::ClassLoader<Plugin> & loader, const nav2_util::LifecycleNode::SharedPtr & node,
+    pluginlib::ClassLoader<Plugin> & loader, const nav2::LifecycleNode::SharedPtr & node,
     const std::string & list, std::string & name);
   void observe(const Observation & observation);
   void make_plan();
   geometry_msgs::msg::Twist follow(const geometry_msgs::msg::Twist & measured);
+  geometry_msgs::msg::TwistStamped command(
+    const geometry_msgs::msg::PoseStamped & pose, const geometry_msgs::msg::Twist & velocity);
   void recover(const std::string & reason);
 
   Settings settings_;
   rclcpp::Time now_;
-  nav2_util::LifecycleNode::SharedPtr controller_node_, planner_node_;
+  nav2::LifecycleNode::SharedPtr controller_node_, planner_node_;
   SteppedCostmap local_, global_;
   pluginlib::ClassLoader<nav2_core::GlobalPlanner> planner_loader_;
   pluginlib::ClassLoader<nav2_core::Controller> controller_loader_;
@@ -93,6 +95,11 @@ private:
   std::shared_ptr<nav2_core::Controller> controller_;
   std::shared_ptr<nav2_core::GoalChecker> goal_checker_;
   std::shared_ptr<nav2_core::ProgressChecker> progress_checker_;
+#if NAV2_MINOR >= 5
+  pluginlib::ClassLoader<nav2_core::PathHandler> handler_loader_;
+  std::shared_ptr<nav2_core::PathHandler> path_handler_;
+  nav_msgs::msg::Path local_plan_;  // what the controller was last given of the plan
+#endif
   double min_x_, min_y_, min_theta_, failure_tolerance_s_;
   std::optional<geometry_msgs::msg::PoseStamped> goal_;
   bool reached_ = false;

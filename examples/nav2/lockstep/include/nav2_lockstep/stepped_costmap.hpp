@@ -10,8 +10,8 @@
 #include <vector>
 
 #include "geometry_msgs/msg/transform_stamped.hpp"
-#include "nav2_costmap_2d/costmap_2d_ros.hpp"
 #include "nav2_costmap_2d/obstacle_layer.hpp"
+#include "nav2_lockstep/versions.hpp"
 #include "rclcpp/rclcpp.hpp"
 #include "sensor_msgs/msg/laser_scan.hpp"
 
