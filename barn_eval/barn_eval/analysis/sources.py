@@ -230,10 +230,11 @@ def _fastest_commands(source: Source) -> dict[str, float]:
         return {}
 
     lines = source.commands
-    planners = column(source.results, "planner")
-    for planner, trial_id in zip(
-        planners, column(source.results, "trial_id"), strict=True
-    ):
+    columns = [
+        column(source.results, name)
+        for name in ("planner", "trial_id", "speed_cap_mps")
+    ]
+    for planner, trial_id, cap_mps in zip(*columns, strict=True):
         if planner not in speeds_mps:
             continue
         speeds: Floats = np.zeros(1)
@@ -245,6 +246,8 @@ def _fastest_commands(source: Source) -> dict[str, float]:
             _, track = parse_track_line(source.tracks[trial_id], trial_id)
             speeds = track.samples[:, SPEEDS]
         fastest_mps = float(np.nanmax(np.abs(speeds), initial=0.0))
+        # The robot's own limit holds for larger commands.
+        fastest_mps = min(fastest_mps, cap_mps or math.inf)
         speeds_mps[planner] = max(speeds_mps[planner], fastest_mps)
     return {planner: speed for planner, speed in speeds_mps.items() if speed > 0.0}
 

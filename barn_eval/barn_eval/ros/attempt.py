@@ -3,14 +3,15 @@
 import os
 import re
 import time
-from collections.abc import Collection, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
 import rclpy
 from rclpy.node import Node
+from std_srvs.srv import SetBool
 
 from barn_eval.ros.graph import GraphView
 from barn_eval.ros.readiness import (
@@ -23,9 +24,13 @@ from barn_eval.ros.readiness import (
 from barn_eval.ros.supervision import launcher, nodes
 from barn_eval.ros.supervision.nodes import NodeProcess
 from barn_eval.ros.supervision.process import SupervisedProcess, last_lines
-from barn_eval.running.planner_sources import explain_end, read_source
+from barn_eval.running.planner_sources import (
+    PlannerSource,
+    explain_end,
+    read_source,
+)
 from barn_eval.trials.ros_config import RosConfig
-from barn_eval.trials.run_config import RunConfig
+from barn_eval.trials.run_config import PlannerChoice, RunConfig
 from barn_worlds.base.types import Pose2D, Velocity2D
 from barn_worlds.messages import decode
 from barn_worlds.messages.encode import PoseStampedEncoder
@@ -44,12 +49,14 @@ from barn_worlds.robots.files import STANDARD_ROBOT
 from barn_worlds.ros.domain import reserve_domain
 from barn_worlds.ros.topics import create_publisher, find_message_class, subscribe
 
-_GRAPH_LIMIT_S = 6.0  # for the planner to be on the graph
+_JOIN_LIMIT_S = 20.0  # for the planner to be on the graph
+_GRAPH_LIMIT_S = 6.0  # for its publisher of commands, from then on
 _STEADY_S = 0.7  # without a change there
 _SCAN_LIMIT_S = 180.0  # for the first scan: kernels may be compiled before
 _COMMAND_LIMIT_S = 4.0  # for the first command, from the first scan on
 _LISTEN_S = 2.0  # from then on
 _GOAL_PERIOD_S = 0.5
+_SIMULATOR = "/barn_try_simulator"
 _COMMANDS = {TWIST: CMD_VEL, TWIST_STAMPED: CMD_VEL_STAMPED}
 _INPUTS = (SCAN, ODOM, GOAL_POSE)
 _GOAL_NAME = re.compile("goal|target|dest|point")
@@ -161,38 +168,60 @@ def try_planner(run: RunConfig, goal: Pose2D, logs: Path) -> Attempt:
         if problems:
             return Attempt(problems=problems)
 
-        with _running(planner, environment, logs) as process, _listening() as node:
+        with ExitStack() as started, _listening() as node:
+            process = started.enter_context(_running(planner, environment, logs))
+            # At the same time, as both take seconds to start.
+            simulator = _running(_simulator(()), environment, logs)
+            standard_simulator = started.enter_context(simulator)
             view = GraphView(node)
             processes = len(planner.executable.launched) if planner.executable else 0
             graph = _await_graph(process, view, node, processes)
-            if process.ended:
-                printed = last_lines(process.log)
-                reason = explain_end(choice.command, printed) or printed
-                return Attempt(problems=[f"it {process.end}; {reason}"])
             attempt = connect(graph)
-            if not choice.takes_goal_at_start and not attempt.topics["goal_pose"]:
-                attempt.arguments = source.goal_arguments()
-                if not attempt.arguments:
-                    attempt.problems.append(_NO_GOAL)
-
-            rules = attempt.ros.get("remap", "[]")[1:-1].split(", ")
-            setup = RosConfig(lockstep=False, remap=tuple(filter(None, rules)))
-            simulator = nodes.simulator(setup, -1, STANDARD_ROBOT.name)
-            parameters = {**simulator.parameters, "start_paused": False}
-            simulator = replace(simulator, parameters=parameters)
-            with _running(simulator, environment, logs):
-                _Observation(attempt, node, graph).run(goal)
-                topics = {item.topic for item in view.graph().publishers}
-        topics |= {*attempt.topics.values(), "/parameter_events"}
-        for item in graph.subscriptions:
-            if item.topic not in topics:
-                attempt.unserved[item.topic] = short_type(item.type_name)
+            if graph.endpoints:
+                _prepare_goal(attempt, choice, source)
+            if attempt.topics["cmd_vel"] and not process.ended:
+                if "remap" in attempt.ros:
+                    standard_simulator.stop()
+                    rules = attempt.ros["remap"][1:-1].split(", ")
+                    simulator = _running(_simulator(rules), environment, logs)
+                    started.enter_context(simulator)
+                _Observation(attempt, node, graph).run(goal, process)
+                _find_unserved(attempt, graph, view)
+            if process.ended:
+                return Attempt(problems=[_describe_end(process, choice.command)])
+            # It ends while the simulator does.
+            process.ask_to_stop()
+    if not graph.endpoints:
+        problem = f"no ROS node of it started within {_JOIN_LIMIT_S:g} s"
+        return Attempt(problems=[problem])
+    if not attempt.topics["cmd_vel"]:
+        attempt.problems.append("it has no publisher of Twist or TwistStamped")
     if attempt.topics["tf"] and find_message_class(TF.type_name) is None:
         attempt.problems.append(
             "it listens to /tf, which is off without tf2_msgs: make install builds that if"
             " there is a C++ compiler, and a full installation of ROS 2 has it"
         )
     return attempt
+
+
+def _prepare_goal(
+    attempt: Attempt, choice: PlannerChoice, source: PlannerSource
+) -> None:
+    """Add a planner's arguments for the goal, or the problem that it takes none."""
+    if choice.takes_goal_at_start or attempt.topics["goal_pose"]:
+        return
+    attempt.arguments = source.goal_arguments()
+    if not attempt.arguments:
+        attempt.problems.append(_NO_GOAL)
+
+
+def _find_unserved(attempt: Attempt, graph: Graph, view: GraphView) -> None:
+    """Store topics of a planner's subscriptions that no node publishes."""
+    topics = {item.topic for item in view.graph().publishers}
+    topics |= {*attempt.topics.values(), "/parameter_events"}
+    for item in graph.subscriptions:
+        if item.topic not in topics:
+            attempt.unserved[item.topic] = short_type(item.type_name)
 
 
 @contextmanager
@@ -218,21 +247,34 @@ def _listening() -> Iterator[Node]:
         rclpy.try_shutdown()
 
 
+def _simulator(rules: Sequence[str]) -> NodeProcess:
+    """Return a paused simulator to start, with remappings FROM:=TO."""
+    setup = RosConfig(lockstep=False, remap=(f"__node:={_SIMULATOR[1:]}", *rules))
+    return nodes.simulator(setup, -1, STANDARD_ROBOT.name)
+
+
+def _describe_end(process: SupervisedProcess, command: str) -> str:
+    """Return how a planner ended and why, from what it printed and its source."""
+    printed = last_lines(process.log)
+    return f"it {process.end}; {explain_end(command, printed) or printed}"
+
+
 def _await_graph(
     process: SupervisedProcess, view: GraphView, node: Node, processes: int
 ) -> Graph:
-    """Return the planner's endpoints once steady with commands, at its end or in 6 s.
+    """Return the planner's endpoints once steady with commands, at its end or a limit.
 
-    It returns earlier if the planner ends, and after a limit in any case. A launch file
-    is complete once all its processes are there.
+    A launch file is complete once all its processes are there.
     """
-    start_s = time.monotonic()
-    change_s = start_s
-    graph = view.graph()
-    while not process.ended and time.monotonic() < start_s + _GRAPH_LIMIT_S:
+    deadline_s = time.monotonic() + _JOIN_LIMIT_S
+    change_s = 0.0
+    graph = Graph()
+    while not process.ended and time.monotonic() < deadline_s:
         rclpy.spin_once(node, timeout_sec=0.1)
         process.read()
-        latest = view.graph()
+        latest = _planner_graph(view)
+        if latest.endpoints and not graph.endpoints:
+            deadline_s = time.monotonic() + _GRAPH_LIMIT_S
         if len(latest.endpoints) != len(graph.endpoints):
             change_s = time.monotonic()
         graph = latest
@@ -241,6 +283,15 @@ def _await_graph(
         if is_steady and is_complete and _choose(CMD_VEL, graph.publishers):
             break
     return graph
+
+
+def _planner_graph(view: GraphView) -> Graph:
+    """Return the graph without the simulator and without nodes not yet named."""
+    graph = view.graph()
+    others = ("", _SIMULATOR)
+    publishers = [item for item in graph.publishers if item.node not in others]
+    subscriptions = [item for item in graph.subscriptions if item.node not in others]
+    return replace(graph, publishers=publishers, subscriptions=subscriptions)
 
 
 class _Observation:
@@ -271,9 +322,14 @@ class _Observation:
         if not command.is_finite() and _NOT_FINITE not in self._attempt.problems:
             self._attempt.problems.append(_NOT_FINITE)
 
-    def run(self, goal: Pose2D) -> None:
-        """Give the planner the goal; store rates and problems in the attempt."""
+    def run(self, goal: Pose2D, process: SupervisedProcess) -> None:
+        """Release the simulator and give the planner, a process, the goal.
+
+        Rates and problems go to the attempt.
+        """
         attempt = self._attempt
+        pause = self._node.create_client(SetBool, f"{_SIMULATOR}/pause")
+        is_released = False
         goals = None
         if attempt.topics["goal_pose"].startswith("/"):
             topic = replace(GOAL_POSE, name=attempt.topics["goal_pose"])
@@ -282,8 +338,12 @@ class _Observation:
 
         deadline_s = time.monotonic() + _SCAN_LIMIT_S
         next_goal_s = 0.0
-        while time.monotonic() < deadline_s:
+        while time.monotonic() < deadline_s and not process.ended:
             rclpy.spin_once(self._node, timeout_sec=0.05)
+            process.read()
+            if not is_released and pause.service_is_ready():
+                is_released = True
+                pause.call_async(SetBool.Request(data=False))
             if not self._scans_s:
                 continue
             if goals is not None and time.monotonic() > next_goal_s:
@@ -295,9 +355,7 @@ class _Observation:
 
         attempt.scan_rate_hz = _rate_hz(self._scans_s)
         attempt.command_rate_hz = _rate_hz(self._commands_s)
-        if not attempt.topics["cmd_vel"]:
-            attempt.problems.append("it has no publisher of Twist or TwistStamped")
-        elif not self._scans_s:
+        if not self._scans_s:
             attempt.problems.append("the simulator sends no scans")
         elif self._commands_s:
             delay_s = self._commands_s[0] - self._scans_s[0]

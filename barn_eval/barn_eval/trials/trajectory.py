@@ -197,7 +197,9 @@ def measure_trajectory(
 
     command = trajectory.command
     # Readings without an answer are skipped: a step leads to the next command.
-    steps = np.diff(command[np.isfinite(command).all(axis=1)], axis=0)
+    answers = command[np.isfinite(command).all(axis=1)]
+    # Squares of the largest numbers would be infinite.
+    steps = np.diff(answers.clip(-1e100, 1e100), axis=0)
     variation: list[float | None] = [None, None]
     rms_step: list[float | None] = [None, None]
     if len(steps):

@@ -84,7 +84,7 @@ for _must, _outcome, _options, _kinds in (
             (
                 "no-decision",
                 "The planner returns a text instead of a decision.",
-                "AttributeError",
+                "must return a Decision",
             ),
             (
                 "wrong-type",
