@@ -99,8 +99,7 @@ class Source:
         # Rounded up, because a planner must not exceed what it declares.
         cap_mps = math.ceil(1000.0 * self.commanded_mps[planner]) / 1000.0
         declaration = f"--set {planner}.max_speed_mps={cap_mps:g} declares it"
-        choices = self.run_config.planners
-        if any(item.name == planner and item.registered for item in choices):
+        if self.run_config.planner(planner).registered:
             declaration = "speed_cap of its PlannerEntry declares it"
         return (
             f"{planner} declares no speed cap, so its fastest command counts, {cap_mps:g}"
@@ -230,11 +229,9 @@ def _fastest_commands(source: Source) -> dict[str, float]:
         return {}
 
     lines = source.commands
-    columns = [
-        column(source.results, name)
-        for name in ("planner", "trial_id", "speed_cap_mps")
-    ]
-    for planner, trial_id, cap_mps in zip(*columns, strict=True):
+    for result in source.results:
+        planner = result.planner
+        trial_id = result.trial_id
         if planner not in speeds_mps:
             continue
         speeds: Floats = np.zeros(1)
@@ -247,7 +244,7 @@ def _fastest_commands(source: Source) -> dict[str, float]:
             speeds = track.samples[:, SPEEDS]
         fastest_mps = float(np.nanmax(np.abs(speeds), initial=0.0))
         # The robot's own limit holds for larger commands.
-        fastest_mps = min(fastest_mps, cap_mps or math.inf)
+        fastest_mps = min(fastest_mps, result.speed_cap_mps or math.inf)
         speeds_mps[planner] = max(speeds_mps[planner], fastest_mps)
     return {planner: speed for planner, speed in speeds_mps.items() if speed > 0.0}
 

@@ -408,7 +408,7 @@ class Results:
         # From run.json, which describes the run that made the row.
         config = replace(RunFile.read(self.folder).run_config(), bags=bags)
         name = result.planner
-        choice = next(planner for planner in config.planners if planner.name == name)
+        choice = config.planner(name)
         # The folder has only a hash of a Python object's code.
         if choice.source:
             if name not in self._planner_objects:

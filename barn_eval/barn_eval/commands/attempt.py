@@ -66,15 +66,13 @@ def command(as_json: bool, **planner: str | None) -> int:
     line = _run_line(request, attempt, planner)
     drives = attempt.first_command_s is not None
     content = {"drives": drives, **asdict(attempt), "run": line}
-    rows = _rows(attempt)
     if as_json:
         print_json(content)
     else:
-        if rows:
-            console.print(table(("", "seen"), rows))
         print_notes(*attempt.problems)
-        # In one line, to be copied.
         if attempt.topics:
+            console.print(table(("", "seen"), _rows(attempt)))
+            # In one line, to be copied.
             click.echo(line)
     return ExitCode.DONE if drives else ExitCode.NOT_SCORED
 

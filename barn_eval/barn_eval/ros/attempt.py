@@ -3,8 +3,8 @@
 import os
 import re
 import time
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Collection, Iterable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -19,6 +19,8 @@ from barn_eval.ros.readiness import (
     TWIST_STAMPED,
     Endpoint,
     Graph,
+    Needs,
+    inspect,
     short_type,
 )
 from barn_eval.ros.supervision import launcher, nodes
@@ -108,14 +110,16 @@ def connect(graph: Graph) -> Attempt:
     if not attempt.topics["goal_pose"] and graph.actions:
         name, kind = graph.actions[0]
         attempt.topics["goal_pose"] = f"action {name}"
-        attempt.ros |= {"goal_by": "action", "goal_action": name.lstrip("/")}
-        attempt.ros["goal_action_type"] = kind
+        attempt.ros = {
+            "goal_by": "action",
+            "goal_action": name.lstrip("/"),
+            "goal_action_type": kind,
+        }
     elif len(inputs) < len(_INPUTS):
         attempt.ros["required_inputs"] = f"[{', '.join(inputs)}]"
     if rules:
         attempt.ros["remap"] = f"[{', '.join(rules)}]"
-    hears_tf = any(item.topic == TF.name for item in graph.subscriptions)
-    attempt.topics["tf"] = TF.name if hears_tf else ""
+    attempt.topics["tf"] = _choose(TF, graph.subscriptions)
     return attempt
 
 
@@ -168,29 +172,32 @@ def try_planner(run: RunConfig, goal: Pose2D, logs: Path) -> Attempt:
         if problems:
             return Attempt(problems=problems)
 
-        with ExitStack() as started, _listening() as node:
-            process = started.enter_context(_running(planner, environment, logs))
+        with ExitStack() as started:
+            process = planner.start(environment, logs, kind=launcher.PLANNER)
+            started.callback(process.stop)
             # At the same time, as both take seconds to start.
-            simulator = _running(_simulator(()), environment, logs)
-            standard_simulator = started.enter_context(simulator)
-            view = GraphView(node)
+            simulator = _simulator(()).start(environment, logs)
+            started.callback(simulator.stop)
+            rclpy.init(args=[])
+            started.callback(rclpy.try_shutdown)
+            node = Node("barn_try")
             processes = len(planner.executable.launched) if planner.executable else 0
-            graph = _await_graph(process, view, node, processes)
+            graph = _await_graph(process, node, processes)
             attempt = connect(graph)
             if graph.endpoints:
                 _prepare_goal(attempt, choice, source)
             if attempt.topics["cmd_vel"] and not process.ended:
                 if "remap" in attempt.ros:
-                    standard_simulator.stop()
+                    simulator.stop()
                     rules = attempt.ros["remap"][1:-1].split(", ")
-                    simulator = _running(_simulator(rules), environment, logs)
-                    started.enter_context(simulator)
-                _Observation(attempt, node, graph).run(goal, process)
-                _find_unserved(attempt, graph, view)
+                    simulator = _simulator(rules).start(environment, logs)
+                    started.callback(simulator.stop)
+                _observe(attempt, node, graph, goal, process)
+                _check_inputs(attempt, graph, node)
             if process.ended:
-                return Attempt(problems=[_describe_end(process, choice.command)])
-            # It ends while the simulator does.
-            process.ask_to_stop()
+                printed = last_lines(process.log)
+                reason = explain_end(choice.command, printed) or printed
+                return Attempt(problems=[f"it {process.end}; {reason}"])
     if not graph.endpoints:
         problem = f"no ROS node of it started within {_JOIN_LIMIT_S:g} s"
         return Attempt(problems=[problem])
@@ -215,36 +222,19 @@ def _prepare_goal(
         attempt.problems.append(_NO_GOAL)
 
 
-def _find_unserved(attempt: Attempt, graph: Graph, view: GraphView) -> None:
-    """Store topics of a planner's subscriptions that no node publishes."""
-    topics = {item.topic for item in view.graph().publishers}
-    topics |= {*attempt.topics.values(), "/parameter_events"}
+def _check_inputs(attempt: Attempt, graph: Graph, node: Node) -> None:
+    """Store topics of a planner's subscriptions that no node publishes or that misfit."""
+    latest = GraphView(node).graph()
+    types = {item.topic: item.type_name for item in latest.publishers}
+    inputs = set()
     for item in graph.subscriptions:
-        if item.topic not in topics:
-            attempt.unserved[item.topic] = short_type(item.type_name)
-
-
-@contextmanager
-def _running(
-    process: NodeProcess, environment: Mapping[str, str], logs: Path
-) -> Iterator[SupervisedProcess]:
-    """Start a process and yield it; stop it when the block ends."""
-    kind = launcher.PLANNER if process.foreign else launcher.SUITE
-    supervised = process.start(environment, logs, kind=kind)
-    try:
-        yield supervised
-    finally:
-        supervised.stop()
-
-
-@contextmanager
-def _listening() -> Iterator[Node]:
-    """Yield a node of this process; shut ROS down when the block ends."""
-    rclpy.init(args=[])
-    try:
-        yield Node("barn_try")
-    finally:
-        rclpy.try_shutdown()
+        topic = item.topic
+        if topic in types:
+            inputs.add((topic, types[topic]))
+        elif topic not in (*attempt.topics.values(), "/parameter_events"):
+            attempt.unserved[topic] = short_type(item.type_name)
+    needs = Needs(attempt.topics[CMD_VEL.name], inputs=sorted(inputs))
+    attempt.problems += inspect(latest, needs).missing
 
 
 def _simulator(rules: Sequence[str]) -> NodeProcess:
@@ -253,31 +243,24 @@ def _simulator(rules: Sequence[str]) -> NodeProcess:
     return nodes.simulator(setup, -1, STANDARD_ROBOT.name)
 
 
-def _describe_end(process: SupervisedProcess, command: str) -> str:
-    """Return how a planner ended and why, from what it printed and its source."""
-    printed = last_lines(process.log)
-    return f"it {process.end}; {explain_end(command, printed) or printed}"
-
-
-def _await_graph(
-    process: SupervisedProcess, view: GraphView, node: Node, processes: int
-) -> Graph:
+def _await_graph(process: SupervisedProcess, node: Node, processes: int) -> Graph:
     """Return the planner's endpoints once steady with commands, at its end or a limit.
 
     A launch file is complete once all its processes are there.
     """
-    deadline_s = time.monotonic() + _JOIN_LIMIT_S
-    change_s = 0.0
+    view = GraphView(node)
     graph = Graph()
-    while not process.ended and time.monotonic() < deadline_s:
+    change_s = time.monotonic()
+    limit_s = _JOIN_LIMIT_S
+    while not process.ended and time.monotonic() < change_s + limit_s:
         rclpy.spin_once(node, timeout_sec=0.1)
         process.read()
-        latest = _planner_graph(view)
-        if latest.endpoints and not graph.endpoints:
-            deadline_s = time.monotonic() + _GRAPH_LIMIT_S
+        view.leave_out(lambda item: item.node == _SIMULATOR)
+        latest = view.graph()
         if len(latest.endpoints) != len(graph.endpoints):
             change_s = time.monotonic()
         graph = latest
+        limit_s = _GRAPH_LIMIT_S if graph.endpoints else _JOIN_LIMIT_S
         is_steady = time.monotonic() > change_s + _STEADY_S
         is_complete = len({item.participant for item in graph.endpoints}) >= processes
         if is_steady and is_complete and _choose(CMD_VEL, graph.publishers):
@@ -285,85 +268,67 @@ def _await_graph(
     return graph
 
 
-def _planner_graph(view: GraphView) -> Graph:
-    """Return the graph without the simulator and without nodes not yet named."""
-    graph = view.graph()
-    others = ("", _SIMULATOR)
-    publishers = [item for item in graph.publishers if item.node not in others]
-    subscriptions = [item for item in graph.subscriptions if item.node not in others]
-    return replace(graph, publishers=publishers, subscriptions=subscriptions)
+def _listen(
+    attempt: Attempt, node: Node, graph: Graph
+) -> tuple[list[float], list[float]]:
+    """Return lists that will get the times of scans, and of commands from then on."""
+    scans_s: list[float] = []
+    commands_s: list[float] = []
+
+    def hear_command(command: Velocity2D) -> None:
+        """Record the time of a command after a scan; note one that is not finite."""
+        if scans_s:
+            commands_s.append(time.monotonic())
+        if not command.is_finite() and _NOT_FINITE not in attempt.problems:
+            attempt.problems.append(_NOT_FINITE)
+
+    scan = replace(SCAN, name=attempt.topics["scan"] or SCAN.path)
+    subscribe(node, scan, lambda _: time.monotonic(), scans_s.append, BEST_EFFORT)
+    name = attempt.topics["cmd_vel"]
+    kinds = {item.type_name for item in graph.publishers if item.topic == name}
+    for kind in kinds & _COMMANDS.keys():
+        topic = replace(_COMMANDS[kind], name=name)
+        read = partial(decode.command, type_name=kind)
+        subscribe(node, topic, read, hear_command, BEST_EFFORT)
+    return scans_s, commands_s
 
 
-class _Observation:
-    """Times of scans and commands while a planner has a goal."""
+def _observe(
+    attempt: Attempt, node: Node, graph: Graph, goal: Pose2D, process: SupervisedProcess
+) -> None:
+    """Release the simulator, give the planner the goal; store rates and problems."""
+    scans_s, commands_s = _listen(attempt, node, graph)
+    topic = GOAL_POSE
+    if attempt.topics["goal_pose"].startswith("/"):
+        topic = replace(GOAL_POSE, name=attempt.topics["goal_pose"])
+    goals = create_publisher(node, topic)
+    message = PoseStampedEncoder(FRAMES.odom).encode(goal, 0)
+    pause = node.create_client(SetBool, f"{_SIMULATOR}/pause")
 
-    def __init__(self, attempt: Attempt, node: Node, graph: Graph):
-        """Subscribe to commands and scans under the planner's names."""
-        self._attempt = attempt
-        self._node = node
-        self._commands_s: list[float] = []
-        self._scans_s: list[float] = []
-        scan = replace(SCAN, name=attempt.topics["scan"] or SCAN.path)
-        subscribe(node, scan, len, self._hear_scan, BEST_EFFORT)
-        for item in graph.publishers:
-            if item.topic == attempt.topics["cmd_vel"]:
-                kind = item.type_name
-                topic = replace(_COMMANDS[kind], name=item.topic)
-                read = partial(decode.command, type_name=kind)
-                subscribe(node, topic, read, self._hear_command, BEST_EFFORT)
-
-    def _hear_scan(self, _: int) -> None:
-        """Record the time of a scan."""
-        self._scans_s.append(time.monotonic())
-
-    def _hear_command(self, command: Velocity2D) -> None:
-        """Record the time of a command, and a problem if it is not finite."""
-        self._commands_s.append(time.monotonic())
-        if not command.is_finite() and _NOT_FINITE not in self._attempt.problems:
-            self._attempt.problems.append(_NOT_FINITE)
-
-    def run(self, goal: Pose2D, process: SupervisedProcess) -> None:
-        """Release the simulator and give the planner, a process, the goal.
-
-        Rates and problems go to the attempt.
-        """
-        attempt = self._attempt
-        pause = self._node.create_client(SetBool, f"{_SIMULATOR}/pause")
-        is_released = False
-        goals = None
-        if attempt.topics["goal_pose"].startswith("/"):
-            topic = replace(GOAL_POSE, name=attempt.topics["goal_pose"])
-            goals = create_publisher(self._node, topic)
-        message = PoseStampedEncoder(FRAMES.odom).encode(goal, 0)
-
-        deadline_s = time.monotonic() + _SCAN_LIMIT_S
-        next_goal_s = 0.0
-        while time.monotonic() < deadline_s and not process.ended:
-            rclpy.spin_once(self._node, timeout_sec=0.05)
-            process.read()
-            if not is_released and pause.service_is_ready():
-                is_released = True
+    deadline_s = time.monotonic() + _SCAN_LIMIT_S
+    next_goal_s = 0.0
+    while time.monotonic() < deadline_s and not process.ended:
+        rclpy.spin_once(node, timeout_sec=0.05)
+        process.read()
+        if not scans_s:
+            if pause.service_is_ready():
                 pause.call_async(SetBool.Request(data=False))
-            if not self._scans_s:
-                continue
-            if goals is not None and time.monotonic() > next_goal_s:
-                next_goal_s = time.monotonic() + _GOAL_PERIOD_S
-                goals.publish(message)
-            deadline_s = self._scans_s[0] + _COMMAND_LIMIT_S
-            if self._commands_s:
-                deadline_s = max(self._scans_s[0], self._commands_s[0]) + _LISTEN_S
+            continue
+        if time.monotonic() > next_goal_s:
+            next_goal_s = time.monotonic() + _GOAL_PERIOD_S
+            goals.publish(message)
+        deadline_s = scans_s[0] + _COMMAND_LIMIT_S
+        if commands_s:
+            deadline_s = commands_s[0] + _LISTEN_S
 
-        attempt.scan_rate_hz = _rate_hz(self._scans_s)
-        attempt.command_rate_hz = _rate_hz(self._commands_s)
-        if not self._scans_s:
-            attempt.problems.append("the simulator sends no scans")
-        elif self._commands_s:
-            delay_s = self._commands_s[0] - self._scans_s[0]
-            attempt.first_command_s = max(0.0, delay_s)
-        else:
-            attempt.problems.append(
-                f"no command within {_COMMAND_LIMIT_S:g} s of scans"
-            )
+    attempt.scan_rate_hz = _rate_hz(scans_s)
+    attempt.command_rate_hz = _rate_hz(commands_s)
+    if commands_s:
+        attempt.first_command_s = commands_s[0] - scans_s[0]
+    elif scans_s:
+        attempt.problems.append(f"no command within {_COMMAND_LIMIT_S:g} s of scans")
+    else:
+        attempt.problems.append("the simulator sends no scans")
 
 
 def _rate_hz(times_s: list[float]) -> float | None:

@@ -95,7 +95,7 @@ class RosWork(Work):
 
         spec = job.trials[0]
         planners = self.config.planners
-        planner = next(choice for choice in planners if choice.name == spec.planner)
+        planner = self.config.planner(spec.planner)
         warm_up(spec, with_planner=planner.registered)
 
         logs = self.store.folder / LOGS

@@ -14,7 +14,8 @@ from barn_planners.registry import planner_entry, planner_names
 from barn_worlds.base.config import fields_of, from_dict
 from barn_worlds.base.errors import ConfigError, format_value, suggest
 
-_NAMED_COMMAND = re.compile(r"([A-Za-z0-9][A-Za-z0-9_.-]*)=(.*)", re.DOTALL)
+_NAME = "[A-Za-z0-9][A-Za-z0-9_.-]*"
+_NAMED_COMMAND = re.compile(f"({_NAME})=(.*)", re.DOTALL)
 _SPEED_CAP = "max_speed_mps"
 
 
@@ -87,10 +88,7 @@ def pop_texts(content: dict[str, Any], option: str, where: str) -> list[str]:
 
 def package_command(text: str) -> str:
     """Return the planner command of "[NAME=]DIR[:EXECUTABLE] [ARGUMENT...]"."""
-    match = _NAMED_COMMAND.fullmatch(text)
-    if match:
-        return f"{match[1]}={PREFIX}{match[2]}"
-    return PREFIX + text
+    return re.sub(rf"({_NAME}=)?", rf"\1{PREFIX}", text, count=1)
 
 
 def give_inputs(

@@ -218,7 +218,9 @@ def _choose(name: str, files: Sequence[Path], packages: Sequence[Path]) -> Execu
         if name and file.match(name):
             return _read_launched(file, packages, executables)
     compiled = _explain_compiled(packages)
-    if not executables and all(map(_is_ros1, packages)):
+    # Built with ROS 1's catkin.
+    catkin = "<buildtool_depend>catkin<"
+    if not executables and all(catkin in _read(item / _MANIFEST) for item in packages):
         raise ConfigError(
             "the package is for ROS 1; see docs/tutorials/other_stacks.md"
         )
@@ -322,11 +324,6 @@ def _read_cmake(package: Path) -> str:
     project = re.search(r"project\s*\(\s*([\w.-]+)", text, re.IGNORECASE)
     name = project[1] if project else _package_name(package)
     return text.replace("${PROJECT_NAME}", name)
-
-
-def _is_ros1(package: Path) -> bool:
-    """Return whether a package is built with ROS 1's catkin."""
-    return "<buildtool_depend>catkin<" in _read(package / _MANIFEST)
 
 
 def _read_executables(package: Path) -> list[Executable]:

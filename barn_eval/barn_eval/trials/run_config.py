@@ -271,6 +271,10 @@ class RunConfig(Checked):
         if not over_ros and self.ros != RosConfig():
             raise ConfigError("the settings of ros need mode ros")
 
+    def planner(self, name: str) -> PlannerChoice:
+        """Return the planner of a name, which the run must have."""
+        return next(planner for planner in self.planners if planner.name == name)
+
     def require_own_names(self) -> None:
         """Raise ConfigError if a user's planner in the suite's system has a suite name.
 

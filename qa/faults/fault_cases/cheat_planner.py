@@ -130,6 +130,7 @@ def read_the_seed(_: Node) -> None:
     for path in OUT.rglob("assignment.json"):
         assignment = json.loads(path.read_text())
         report(f"seed {assignment['run']['seed']}")
+    report(f"{len(list(OUT.iterdir()))} files")
 
 
 def look_at_the_suite(_: Node) -> None:

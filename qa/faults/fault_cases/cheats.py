@@ -108,14 +108,14 @@ for _name, _done, _must, _words, _find in (
         "The planner adds to the rows, makes a bag, removes run.json and renames the folder of results.",
         "The kernel lets it do none of that; the trial runs to its timeout.",
         "",
-        "Read-only file system; Read-only file system; Read-only file system; Device or resource busy",
+        "Read-only file system; Read-only file system; No such file or directory; Device or resource busy",
     ),
     (
         "seed",
         "The planner reads the campaign's seed from the evaluator's file in the folder of results.",
-        "It can: [Fairness](fairness.md#left-to-the-organizer) says what helps.",
+        "It sees no file there; the trial runs to its timeout.",
         "",
-        "seed 0",
+        "0 files",
     ),
     (
         "suite",

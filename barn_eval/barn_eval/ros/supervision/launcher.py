@@ -498,8 +498,7 @@ class _Output:
 
     def mute(self) -> None:
         """Print what has been written so far, and drop what follows."""
-        while select.select(self.readers, [], [], 0.0)[0]:
-            self.read()
+        self._read_all()
         self._is_muted = True
 
     def read(self, max_tail: int = 2 * TAIL_BYTES) -> None:
@@ -525,12 +524,16 @@ class _Output:
 
     def finish(self) -> None:
         """Read the rest of the output; print how much is left out, and the tail."""
-        while select.select(self.readers, [], [], 0.0)[0]:
-            self.read()
+        self._read_all()
         self.read(TAIL_BYTES)
         if self._dropped:
             _print(f"\n[{self._dropped} bytes are left out here]\n".encode())
         _print(bytes(self._tail))
+
+    def _read_all(self) -> None:
+        """Read what has been written so far, without waiting."""
+        while select.select(self.readers, [], [], 0.0)[0]:
+            self.read()
 
 
 def _print(data: bytes) -> None:

@@ -116,10 +116,7 @@ class _Supervisor:
         """Describe the processes and copy the planner's files; start nothing yet."""
         # Trials without a result.
         self._remaining = {spec.trial_id: spec for spec in self.trials}
-        planner_name = self.trials[0].planner
-        planner = next(
-            planner for planner in self.config.planners if planner.name == planner_name
-        )
+        planner = self.config.planner(self.trials[0].planner)
         # Evaluator and planner node know no other planners of the run.
         self.config = replace(self.config, planners=(planner,))
         if planner.takes_goal_at_start:
@@ -161,7 +158,7 @@ class _Supervisor:
         line = self._simulator_line.fileno()
         self._nodes = {
             SIMULATOR: nodes.simulator(self.config.ros, line, self._robot),
-            PLANNER: nodes.planner(planner, self.config, self.trials[0].goal),
+            PLANNER: self._planner_of_next_trial(),
         }
         _copy_planner_files(planner, self.logs)
 
@@ -329,7 +326,7 @@ class _Supervisor:
         """Return the error that ends a run, with the log of the process it names."""
         for name in self._nodes:
             if f"the {name} " in reason:
-                log = self._log(name)
+                log = self.logs / f"{name}.log"
                 # The notice of its end has quoted more, once.
                 count = 1 if name in self._quoted_logs else 10
                 printed = last_lines(log, count)
@@ -431,10 +428,6 @@ class _Supervisor:
         """Plan a process's start, 1 s or more after its last; start nothing."""
         if name not in self._due_s:
             self._due_s[name] = self._started_s.get(name, -math.inf) + _START_PERIOD_S
-
-    def _log(self, name: str) -> Path:
-        """Return the path of the log of a process: "NAME.log" among the logs."""
-        return self.logs / f"{name}.log"
 
 
 def _copy_planner_files(planner: PlannerChoice, logs: Path) -> None:
