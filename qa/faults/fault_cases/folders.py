@@ -194,9 +194,9 @@ _MUST = "`barn check` names the file and what is wrong; exit code 1."
 for _name, _done, _alter, _words in (
     (
         "missing-bag",
-        "The bag of a trial is removed.",
-        lambda out: shutil.rmtree(out / "bags"),
-        "is missing",
+        "The file of a bag is removed.",
+        lambda out: _bag(out).unlink(),
+        "bags/",
     ),
     (
         "bag-cut-off",
