@@ -26,13 +26,9 @@ from barn_eval.ros.readiness import (
 from barn_eval.ros.supervision import launcher, nodes
 from barn_eval.ros.supervision.nodes import NodeProcess
 from barn_eval.ros.supervision.process import SupervisedProcess, last_lines
-from barn_eval.running.planner_sources import (
-    PlannerSource,
-    explain_end,
-    read_source,
-)
+from barn_eval.running.planner_sources import explain_end, read_source
 from barn_eval.trials.ros_config import RosConfig
-from barn_eval.trials.run_config import PlannerChoice, RunConfig
+from barn_eval.trials.run_config import RunConfig
 from barn_worlds.base.types import Pose2D, Velocity2D
 from barn_worlds.messages import decode
 from barn_worlds.messages.encode import PoseStampedEncoder
@@ -184,8 +180,10 @@ def try_planner(run: RunConfig, goal: Pose2D, logs: Path) -> Attempt:
             processes = len(planner.executable.launched) if planner.executable else 0
             graph = _await_graph(process, node, processes)
             attempt = connect(graph)
-            if graph.endpoints:
-                _prepare_goal(attempt, choice, source)
+            if not choice.takes_goal_at_start and not attempt.topics["goal_pose"]:
+                attempt.arguments = source.goal_arguments()
+                if not attempt.arguments:
+                    attempt.problems.append(_NO_GOAL)
             if attempt.topics["cmd_vel"] and not process.ended:
                 if "remap" in attempt.ros:
                     simulator.stop()
@@ -201,6 +199,12 @@ def try_planner(run: RunConfig, goal: Pose2D, logs: Path) -> Attempt:
     if not graph.endpoints:
         problem = f"no ROS node of it started within {_JOIN_LIMIT_S:g} s"
         return Attempt(problems=[problem])
+    _judge_topics(attempt)
+    return attempt
+
+
+def _judge_topics(attempt: Attempt) -> None:
+    """Store a problem if a planner sends no commands, or listens to /tf in vain."""
     if not attempt.topics["cmd_vel"]:
         attempt.problems.append("it has no publisher of Twist or TwistStamped")
     if attempt.topics["tf"] and find_message_class(TF.type_name) is None:
@@ -208,18 +212,6 @@ def try_planner(run: RunConfig, goal: Pose2D, logs: Path) -> Attempt:
             "it listens to /tf, which is off without tf2_msgs: make install builds that if"
             " there is a C++ compiler, and a full installation of ROS 2 has it"
         )
-    return attempt
-
-
-def _prepare_goal(
-    attempt: Attempt, choice: PlannerChoice, source: PlannerSource
-) -> None:
-    """Add a planner's arguments for the goal, or the problem that it takes none."""
-    if choice.takes_goal_at_start or attempt.topics["goal_pose"]:
-        return
-    attempt.arguments = source.goal_arguments()
-    if not attempt.arguments:
-        attempt.problems.append(_NO_GOAL)
 
 
 def _check_inputs(attempt: Attempt, graph: Graph, node: Node) -> None:

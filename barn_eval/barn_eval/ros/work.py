@@ -94,12 +94,11 @@ class RosWork(Work):
         from barn_eval.running.direct import warm_up  # noqa: PLC0415
 
         spec = job.trials[0]
-        planners = self.config.planners
         planner = self.config.planner(spec.planner)
         warm_up(spec, with_planner=planner.registered)
 
         logs = self.store.folder / LOGS
-        if self.workers > 1 or len(planners) > 1:
+        if self.workers > 1 or len(self.config.planners) > 1:
             logs /= job.key
         with closing(
             run_ros_trials(self.config, job.trials, self.store, logs, emit)

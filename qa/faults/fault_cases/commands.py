@@ -142,18 +142,8 @@ def markup_as_the_protocols_name(lab: Lab) -> str:
     It drives; report and leaderboard show its name as text.
     """
     (lab.folder / "p.yaml").write_text(SHORT.replace("short", f'"{TAG}"'))
-    words = [
-        "run",
-        "--planner",
-        "gap",
-        "--worlds",
-        "0,9",
-        "--protocol",
-        "p.yaml",
-        "--bags",
-        "none",
-    ]
-    lab.barn(*words, "--out", lab.out)
+    words = "run --planner gap --worlds 0,9 --protocol p.yaml --bags none"
+    lab.barn(*words.split(), "--out", lab.out)
     return _show_folders(lab, lab.out)
 
 
@@ -165,17 +155,8 @@ def quotes_in_the_folders_name(lab: Lab) -> str:
     """
     (lab.folder / "short.yaml").write_text(SHORT)
     out = 'it\'s "mine" & {yours}'
-    words = [
-        "--worlds",
-        "0,9",
-        "--repetitions",
-        "1",
-        "--protocol",
-        "short.yaml",
-        "--bags",
-        "all",
-    ]
-    lab.barn("campaign", "--planners", "gap", *words, "--out", out)
+    words = "--worlds 0,9 --repetitions 1 --protocol short.yaml --bags all"
+    lab.barn("campaign", "--planners", "gap", *words.split(), "--out", out)
     lab.barn("check", out)
     lab.barn("compare", out, out)
     lab.barn("report", out, "--no-assets")

@@ -42,21 +42,11 @@ def drive(
     memory: int = 0,
 ) -> str:
     """Run a trial of a rogue, and say how it ended; Wrong if otherwise than it must."""
-    words = [
-        "run",
-        "--planner",
-        "rogue",
-        "--protocol",
-        "short.yaml",
-        "--worlds",
-        "0",
-        "--bags",
-        "none",
-    ]
+    words = "run --planner rogue --protocol short.yaml --worlds 0 --bags none"
     options = ["--set", f"kind={kind}", "--out", lab.out, *extra]
     limit = partial(resource.setrlimit, resource.RLIMIT_AS, (memory, memory))
     before = limit if memory else None
-    lab.barn(*words, *options, environment=with_rogue(lab), before=before)
+    lab.barn(*words.split(), *options, environment=with_rogue(lab), before=before)
     return ending(expect_row(lab, outcome, detail))
 
 
@@ -217,8 +207,8 @@ def cannot_be_imported(lab: Lab) -> str:
     Refused in one line that names planner, module and package, before any folder is
     made.
     """
-    words = ["run", "--planner", "broken", "--worlds", "0", "--out", "out"]
-    refusal = lab.expect_refusal(*words, environment=with_rogue(lab))
+    words = "run --planner broken --worlds 0 --out out"
+    refusal = lab.expect_refusal(*words.split(), environment=with_rogue(lab))
     hold("'broken'" in refusal and "a_package_that_is_not_there" in refusal, refusal)
     hold(not lab.out.exists(), refusal)
     return refusal
@@ -227,14 +217,5 @@ def cannot_be_imported(lab: Lab) -> str:
 def gap_run(lab: Lab) -> list[object]:
     """Return the words of a short run of a planner that does nothing wrong."""
     (lab.folder / "short.yaml").write_text(SHORT)
-    words = [
-        "run",
-        "--planner",
-        "gap",
-        "--worlds",
-        "0",
-        "--protocol",
-        "short.yaml",
-        "--out",
-    ]
-    return [*words, lab.out]
+    words = "run --planner gap --worlds 0 --protocol short.yaml --out"
+    return [*words.split(), lab.out]

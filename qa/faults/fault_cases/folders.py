@@ -175,8 +175,8 @@ def _with_bag(lab: Lab, bags: str = "all") -> None:
     (lab.folder / "short.yaml").write_text(
         "schema_version: 1\nbase: challenge\nname: short\nlimit_s: 3.0\nfirst_motion_limit_s: 2.0\n"
     )
-    words = ["run", "--planner", "gap", "--worlds", "0", "--protocol", "short.yaml"]
-    lab.barn(*words, "--bags", bags, "--out", lab.out)
+    words = "run --planner gap --worlds 0 --protocol short.yaml"
+    lab.barn(*words.split(), "--bags", bags, "--out", lab.out)
 
 
 def _bag(out: Path) -> Path:

@@ -46,17 +46,8 @@ def ros(
     (lab.folder / "short.yaml").write_text(_PROTOCOL.format(s=limit_s))
     settings = (*_PATIENCE, f"patience.command_s={command_s}")
     patience = [word for setting in settings for word in ("--ros", setting)]
-    words = [
-        "run",
-        "--mode",
-        "ros",
-        "--worlds",
-        "0",
-        "--protocol",
-        "short.yaml",
-        "--bags",
-    ]
-    return [*words, bags, *patience, "--out", lab.out, *options]
+    words = "run --mode ros --worlds 0 --protocol short.yaml --bags"
+    return [*words.split(), bags, *patience, "--out", lab.out, *options]
 
 
 def by_command(*words: object, prefix: str = "") -> list[str]:

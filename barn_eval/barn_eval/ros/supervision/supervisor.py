@@ -117,6 +117,7 @@ class _Supervisor:
         # Trials without a result.
         self._remaining = {spec.trial_id: spec for spec in self.trials}
         planner = self.config.planner(self.trials[0].planner)
+        self._planner = planner
         # Evaluator and planner node know no other planners of the run.
         self.config = replace(self.config, planners=(planner,))
         if planner.takes_goal_at_start:
@@ -245,9 +246,8 @@ class _Supervisor:
 
     def _planner_of_next_trial(self) -> NodeProcess:
         """Return the planner's process with the goal of the next trial."""
-        (planner,) = self.config.planners
         spec = next(iter(self._remaining.values()))
-        return nodes.planner(planner, self.config, spec.goal)
+        return nodes.planner(self._planner, self.config, spec.goal)
 
     def _start_evaluator(self) -> None:
         """Write assignment.json with the trials left, and start an evaluator."""
@@ -311,8 +311,7 @@ class _Supervisor:
                 # Planners that start again report again; one trial is enough.
                 self._parameters_kept = True
                 folder = self.store.folder / LOGS
-                (planner,) = self.config.planners
-                write_node_parameters(folder, self.logs, planner.name, text)
+                write_node_parameters(folder, self.logs, self._planner.name, text)
             case {"event": "stop", "name": name} if name in self._processes:
                 self._processes[name].ask_to_stop()
             case {"event": "start", "name": name} if name not in self._processes:
@@ -330,9 +329,9 @@ class _Supervisor:
                 # The notice of its end has quoted more, once.
                 count = 1 if name in self._quoted_logs else 10
                 printed = last_lines(log, count)
-                (planner,) = self.config.planners
-                if name == PLANNER and planner.command:
-                    hint = explain_end(planner.command, last_lines(log))
+                command = self._planner.command
+                if name == PLANNER and command:
+                    hint = explain_end(command, last_lines(log))
                     if hint:
                         printed = f"{hint}; see {log}"
                 return ProcessError(f"{reason}; {printed}")
