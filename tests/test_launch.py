@@ -4,6 +4,7 @@
 """
 
 import shutil
+import subprocess
 import sys
 
 import pytest
@@ -118,6 +119,17 @@ def test_a_node_without_the_libraries_is_refused_in_one_line(shebang, tmp_path):
     last = done.stderr.splitlines()[-1]
     assert done.returncode == 1
     assert "the Python of simulator" in last and "build the workspace again" in last
+
+
+@pytest.mark.parametrize("package", NODES)
+def test_a_build_without_the_libraries_is_refused_in_one_line(package):
+    script = "import sys; sys.modules['cattrs'] = None; exec(open('setup.py').read())"
+    words = [sys.executable, "-c", script, "install"]
+    options = {"capture_output": True, "cwd": ROOT / package, "env": {}}
+    done = subprocess.run(words, check=False, text=True, **options)
+    assert done.returncode == 1
+    (line,) = done.stderr.splitlines()
+    assert "activate their environment" in line
 
 
 @pytest.mark.parametrize("name", [*NODES.values(), "rviz"])

@@ -5,9 +5,9 @@ Nav2's source.
 """
 
 import ast
-import importlib.util
 import os
 import re
+import runpy
 import shlex
 import subprocess
 import sys
@@ -28,6 +28,7 @@ from barn_worlds.robots.files import ROBOTS
 from barn_worlds.ros.domain import reserve_domain
 
 FOLDER = EXAMPLES / "nav2"
+check_parameters = runpy.run_path(str(FOLDER / "check_parameters.py"))["main"]
 CONTROLLERS = ("dwb", "graceful", "mppi", "rpp")
 # of the paper
 SPEED_MPS = 0.5
@@ -296,11 +297,6 @@ def test_the_documented_protocols_of_nav2_send_the_goal_once():
 
 
 def test_the_check_against_the_source_finds_what_is_misspelt(tmp_path, capsys):
-    spec = importlib.util.spec_from_file_location(
-        "check_parameters", FOLDER / "check_parameters.py"
-    )
-    check = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(check)
     source = tmp_path / "navigation2"
     other = tmp_path / "other"
     mine = tmp_path / "mine.yaml"
@@ -317,9 +313,9 @@ def test_the_check_against_the_source_finds_what_is_misspelt(tmp_path, capsys):
     text = "controller_server: {ros__parameters: {%s: 20.0, a: {plugin: 'nav2_controller::%s'}, b: {%s}}}"
     plugin = "plugin: 'other::Checker', gain: 1.0, %s: 2.0"
     mine.write_text(text % ("controller_frequency", "Checker", plugin % "use_sim_time"))
-    assert check.main([str(source), str(other), str(mine)]) == 0
+    assert check_parameters([str(source), str(other), str(mine)]) == 0
     mine.write_text(text % ("controler_frequency", "Chequer", plugin % "gian"))
-    assert check.main([str(source), str(other), str(mine)]) == 1
+    assert check_parameters([str(source), str(other), str(mine)]) == 1
     output = capsys.readouterr().out
     assert "controler_frequency is not read by nav2_controller" in output
     assert "b.gian is not read by other" in output
@@ -332,7 +328,7 @@ def test_the_check_against_the_source_finds_what_is_misspelt(tmp_path, capsys):
     arguments = [str(source), str(other), str(mine), str(expected)]
     for lines, code in ((failures, 0), (failures[1:], 1), ([*failures, "x"], 1)):
         expected.write_text("\n".join(lines))
-        assert check.main(arguments) == code
+        assert check_parameters(arguments) == code
 
 
 SERVER = """
@@ -368,11 +364,6 @@ node->declare_parameter(name + ".open", open_default);
     ],
 )
 def test_the_check_knows_types_and_places(tmp_path, capsys, key, value, problem):
-    spec = importlib.util.spec_from_file_location(
-        "check_parameters", FOLDER / "check_parameters.py"
-    )
-    check = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(check)
     package = tmp_path / "navigation2/nav2_controller"
     package.mkdir(parents=True)
     (package / "server.cpp").write_text(SERVER + PLUGIN)
@@ -384,7 +375,7 @@ def test_the_check_knows_types_and_places(tmp_path, capsys, key, value, problem)
     mine = tmp_path / "mine.yaml"
     content = {"controller_server": {"ros__parameters": parameters}}
     mine.write_text(yaml.safe_dump(content))
-    assert check.main([str(package.parent), str(mine)]) == (1 if problem else 0)
+    assert check_parameters([str(package.parent), str(mine)]) == (1 if problem else 0)
     output = capsys.readouterr().out
     assert problem in output
     assert f"2 parameters checked, {1 if problem else 0} wrong" in output
