@@ -4,12 +4,11 @@ The training script is tested, too.
 """
 
 import csv
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from waiting import run_python
 
 gymnasium = pytest.importorskip("gymnasium")
 algorithms = pytest.importorskip("stable_baselines3")
@@ -24,6 +23,11 @@ from barn_planners.policy.file import PolicyError, PolicyNetwork, read_policy  #
 from barn_planners.policy.space import PolicyAction, PolicyObservation  # noqa: E402
 from barn_worlds.base.errors import ConfigError  # noqa: E402
 
+MANY_WORLDS = EnvConfig(
+    worlds="0:300:7",
+    simulator={"lidar.beams": 90},
+    observation=PolicyObservation(beams=40),
+)
 EXAMPLE = Path(__file__).resolve().parents[2] / "train_policy.py"
 CONFIG = EnvConfig(
     worlds="0",
@@ -40,13 +44,8 @@ def vectorised():
 
 
 def test_the_batch_gives_what_the_environments_give():
-    config = EnvConfig(
-        worlds="0:300:7",
-        simulator={"lidar.beams": 90},
-        observation=PolicyObservation(beams=40),
-    )
-    batch = StableBatch(5, config)
-    environments = DummyVecEnv([lambda: JackalEnv(config)] * 5)
+    batch = StableBatch(5, MANY_WORLDS)
+    environments = DummyVecEnv([lambda: JackalEnv(MANY_WORLDS)] * 5)
     for envs in (batch, environments):
         envs.seed(3)
     np.testing.assert_array_equal(batch.reset(), environments.reset())
@@ -73,13 +72,8 @@ def test_the_batch_gives_what_the_environments_give():
 
 
 def test_a_batch_takes_harder_worlds_with_success():
-    config = EnvConfig(
-        worlds="0:300:7",
-        simulator={"lidar.beams": 90},
-        observation=PolicyObservation(beams=40),
-    )
     batch = StableBatch(
-        3, config, CurriculumConfig(first_level=0.0, window=1, promotion_rate=0.0)
+        3, MANY_WORLDS, CurriculumConfig(first_level=0.0, window=1, promotion_rate=0.0)
     )
     batch.seed(3)
     batch.reset()
@@ -164,23 +158,18 @@ def test_what_a_file_cannot_hold_is_refused(vectorised, tmp_path):
 
 
 def test_the_training_script_trains_draws_and_compares(tmp_path):
-    command = [
-        sys.executable,
-        EXAMPLE,
-        *[
-            "--steps",
-            "1",
-            "--environments",
-            "8",
-            "--worlds-per-set",
-            "2",
-            "--held-out",
-            "1",
-            "--out",
-        ],
-        tmp_path,
+    options = [
+        "--steps",
+        "1",
+        "--environments",
+        "8",
+        "--worlds-per-set",
+        "2",
+        "--held-out",
+        "1",
+        "--out",
     ]
-    ended = subprocess.run(command, capture_output=True, text=True, check=True)
+    ended = run_python(EXAMPLE, *options, tmp_path)
     assert ended.stdout.count("held-out worlds") == 3
     with (tmp_path / "curve.csv").open() as file:
         (row,) = csv.DictReader(file)
