@@ -173,9 +173,11 @@ def find_executable(text: str) -> Executable:
     if is_file and path.suffix == ".py":
         if LAUNCHES not in _read(path):
             return Executable(path.stem, path.parent, f"{path.stem}:{name or 'main'}")
-        # It lies in the folder launch of its package.
-        name = path.name
-        path = path.absolute().parents[1]
+        # It lies in the folder launch of its package, and may start nodes of others.
+        package = path.absolute().parents[1]
+        neighbors = sorted(package.parent.glob(f"*/{_MANIFEST}"))
+        packages = [*(file.parent for file in neighbors), package]
+        return _read_launched(path, packages)
     if not path.is_dir():
         raise ConfigError(f"{subject}: no folder or Python file {path}")
 
@@ -216,7 +218,7 @@ def _choose(name: str, files: Sequence[Path], packages: Sequence[Path]) -> Execu
     ]
     for file in launch_files:
         if name and file.match(name):
-            return _read_launched(file, packages, executables)
+            return _read_launched(file, packages)
     compiled = _explain_compiled(packages)
     # Built with ROS 1's catkin.
     catkin = "<buildtool_depend>catkin<"
@@ -242,15 +244,14 @@ def _choose(name: str, files: Sequence[Path], packages: Sequence[Path]) -> Execu
     )
 
 
-def _read_launched(
-    path: Path, packages: Sequence[Path], executables: Sequence[Executable]
-) -> Executable:
+def _read_launched(path: Path, packages: Sequence[Path]) -> Executable:
     """Return a launch file as one executable; ConfigError if a node has no source."""
+    # Of equal names, the file's own package counts, which is the last.
     folders = {_package_name(package): package for package in packages}
-    by_name = {(item.folder, item.name): item for item in executables}
     launched = []
     for package, name, arguments in SourceFile(path, folders).launched_nodes():
-        executable = by_name.get((folders[package], name))
+        by_name = {item.name: item for item in _read_executables(folders[package])}
+        executable = by_name.get(name)
         if executable is None:
             raise ConfigError(
                 f"{path}: package {package!r} has no Python executable {name!r}; build it"
@@ -259,7 +260,7 @@ def _read_launched(
             )
         launched.append((executable, arguments))
     if not launched:
-        raise ConfigError(f"{path}: starts no node of {', '.join(folders)}")
+        raise ConfigError(f"{path}: starts no node of its package or one beside it")
     folder = launched[0][0].folder
     return Executable(path.name, folder, str(path), tuple(launched))
 

@@ -127,9 +127,9 @@ def explain_end(command: str, printed: str) -> str:
         command: The planner command.
         printed: The end of what it printed.
     """
-    match = re.search(r"No module named '(\w+)", printed)
+    match = re.search(r"No module named '((\w+)[\w.]*)", printed)
     if match:
-        return f"the module {match[1]} is missing: {supplier(match[1])}"
+        return f"the module {match[1]} is missing: {supplier(match[2])}"
     if "EOFError" in printed:
         return (
             "it asks for input: --planner-input '{goal_x} {goal_y}', or"
