@@ -294,14 +294,7 @@ def main(
     if not cases:
         raise click.ClickException(f"no case matches {', '.join(only)}")
     if listed:
-        if as_json:
-            entries = [
-                {"case": case.key, "done": case.done, "must": case.must}
-                for case in cases
-            ]
-            click.echo(json.dumps(entries, indent=1))
-        else:
-            click.echo("\n".join(f"{case.key}: {case.done}" for case in cases))
+        click.echo("\n".join(f"{case.key}: {case.done}" for case in cases))
         return
     out.mkdir(parents=True, exist_ok=True)
     outcomes = read_outcomes(out / "faults.json")

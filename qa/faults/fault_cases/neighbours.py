@@ -50,19 +50,15 @@ def domain_in_use(lab: Lab) -> str:
     stands still meanwhile (SIGSTOP).
 
     Refused in one line that names the domain; the other run goes on to the undisturbed
-    row.
+    row, but for a command that may be lost.
     """
     domain = {"ROS_DOMAIN_ID": "77"}
     run = start_driving(lab, environment=domain)
     first = lab.processes()
     kill(first, signal.SIGSTOP)
+    second = "run --mode ros --worlds 0 --out"
     refusal = lab.expect_refusal(
-        "run",
-        "--mode",
-        "ros",
-        "--worlds",
-        "0",
-        "--out",
+        *second.split(),
         lab.folder / "second",
         environment=domain,
         code=ExitCode.NOT_SCORED,
@@ -70,7 +66,7 @@ def domain_in_use(lab: Lab) -> str:
     hold("ROS_DOMAIN_ID 77" in refusal, refusal)
     kill(first, signal.SIGCONT)
     lab.finish(run)
-    same(lab)
+    same(lab, lost=1)
     return refusal
 
 

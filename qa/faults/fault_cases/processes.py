@@ -73,11 +73,13 @@ def start_driving(lab: Lab, **how: Any) -> "subprocess.Popen[bytes]":
     return run
 
 
-def same(lab: Lab) -> str:
-    """Wrong if the rows are not the undisturbed ones."""
-    hold(
-        repeatable(lab.rows()) == run_undisturbed(), [ending(row) for row in lab.rows()]
-    )
+def same(lab: Lab, lost: int = 0) -> str:
+    """Wrong if the rows are not the undisturbed ones, but for some lost commands."""
+    rows = repeatable(lab.rows())
+    for row in rows:
+        measures = row["measures"]
+        measures["unanswered_cycles"] = max(0, measures["unanswered_cycles"] - lost)
+    hold(rows == run_undisturbed(), [ending(row) for row in rows])
     return f"{ending(lab.row())}; row as undisturbed"
 
 
@@ -178,12 +180,12 @@ def machine_suspended(lab: Lab) -> str:
     """All processes of the run are suspended for 25 s in the middle of the trial, as a
     laptop's lid does.
 
-    The trial ends as an undisturbed one does, repeated or not.
+    The trial ends as an undisturbed one does, repeated or not; one command may be lost.
     """
     run = start_driving(lab)
     _suspend(lab, lab.processes(), 25.0)
     lab.finish(run)
-    return same(lab)
+    return same(lab, lost=1)
 
 
 def _stop(lab: Lab, number: int) -> str:
