@@ -42,17 +42,8 @@ from rich.progress import (
 
 BEGIN = "<!-- fault summary: begin -->"
 END = "<!-- fault summary: end -->"
-COLUMNS = (
-    "case",
-    "family",
-    "done",
-    "must",
-    "status",
-    "measured",
-    "duration_s",
-    "since",
-    "held_by",
-)
+_COLUMNS = "case family done must status measured duration_s since held_by"
+COLUMNS = tuple(_COLUMNS.split())
 PASSED = "passed"
 FAILED = "failed"
 SKIPPED = "skipped"

@@ -197,8 +197,7 @@ def try_planner(run: RunConfig, goal: Pose2D, logs: Path) -> Attempt:
                 reason = explain_end(choice.command, printed) or printed
                 return Attempt(problems=[f"it {process.end}; {reason}"])
     if not graph.endpoints:
-        problem = f"no ROS node of it started within {_JOIN_LIMIT_S:g} s"
-        return Attempt(problems=[problem])
+        return Attempt(problems=[f"it started no ROS node in {_JOIN_LIMIT_S:g} s"])
     _judge_topics(attempt)
     return attempt
 
@@ -225,7 +224,7 @@ def _check_inputs(attempt: Attempt, graph: Graph, node: Node) -> None:
             inputs.add((topic, types[topic]))
         elif topic not in (*attempt.topics.values(), "/parameter_events"):
             attempt.unserved[topic] = short_type(item.type_name)
-    needs = Needs(attempt.topics[CMD_VEL.name], inputs=sorted(inputs))
+    needs = Needs(attempt.topics["cmd_vel"], inputs=sorted(inputs))
     attempt.problems += inspect(latest, needs).missing
 
 
@@ -291,8 +290,9 @@ def _observe(
     """Release the simulator, give the planner the goal; store rates and problems."""
     scans_s, commands_s = _listen(attempt, node, graph)
     topic = GOAL_POSE
-    if attempt.topics["goal_pose"].startswith("/"):
-        topic = replace(GOAL_POSE, name=attempt.topics["goal_pose"])
+    name = attempt.topics["goal_pose"]
+    if name.startswith("/"):
+        topic = replace(GOAL_POSE, name=name)
     goals = create_publisher(node, topic)
     message = PoseStampedEncoder(FRAMES.odom).encode(goal, 0)
     pause = node.create_client(SetBool, f"{_SIMULATOR}/pause")

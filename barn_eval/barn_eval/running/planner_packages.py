@@ -174,10 +174,8 @@ def find_executable(text: str) -> Executable:
         if LAUNCHES not in _read(path):
             return Executable(path.stem, path.parent, f"{path.stem}:{name or 'main'}")
         # It lies in the folder launch of its package, and may start nodes of others.
-        package = path.absolute().parents[1]
-        neighbors = sorted(package.parent.glob(f"*/{_MANIFEST}"))
-        packages = [*(file.parent for file in neighbors), package]
-        return _read_launched(path, packages)
+        launch_file = Executable(path.name, path.absolute().parents[1], str(path))
+        return _read_launched(path, launch_file.packages)
     if not path.is_dir():
         raise ConfigError(f"{subject}: no folder or Python file {path}")
 
@@ -246,8 +244,8 @@ def _choose(name: str, files: Sequence[Path], packages: Sequence[Path]) -> Execu
 
 def _read_launched(path: Path, packages: Sequence[Path]) -> Executable:
     """Return a launch file as one executable; ConfigError if a node has no source."""
-    # Of equal names, the file's own package counts, which is the last.
-    folders = {_package_name(package): package for package in packages}
+    # Of equal names, the first counts: the file's own package.
+    folders = {_package_name(package): package for package in reversed(packages)}
     launched = []
     for package, name, arguments in SourceFile(path, folders).launched_nodes():
         by_name = {item.name: item for item in _read_executables(folders[package])}

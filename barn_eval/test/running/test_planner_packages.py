@@ -1,6 +1,7 @@
 """Planners from the source of packages that nobody built."""
 
 import json
+import shutil
 import subprocess
 import sys
 
@@ -144,10 +145,9 @@ def test_a_launch_file_starts_its_nodes_that_are_in_the_workspace(workspace, tmp
     assert executable == find_executable(str(folder / "launch" / "far.launch.py"))
     arguments = [" ".join(arguments) for _, arguments in executable.launched]
     assert sorted(arguments) == [ARGUMENTS.format(folder), "--ros-args --"]
-    bringup = workspace / "src" / "bringup" / "launch" / "near.launch.py"
-    bringup.parent.mkdir(parents=True)
-    bringup.write_text(NEAR)
-    assert find_executable(str(bringup)).launched[0][0].folder == folder
+    bringup = workspace / "src" / "bringup" / "launch"
+    shutil.copytree(folder / "launch", bringup)
+    assert find_executable(f"{bringup}/near.launch.py").launched
 
     with pytest.raises(ConfigError, match=r"are not read, got 'rviz:=false'; .* -p"):
         find_packaged([f"package:{workspace}:far.launch.py", "rviz:=false"])

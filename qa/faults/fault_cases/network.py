@@ -274,7 +274,8 @@ def few_processes(lab: Lab) -> str:
     if os.geteuid() != 0 or which("setpriv") is None:
         raise Skipped("needs root, to be another user")
     lab.folder.chmod(0o777)
-    other = ["setpriv", "--reuid=54321", "--clear-groups", "prlimit", "--nproc=30"]
+    limits = "setpriv --reuid=54321 --clear-groups prlimit --nproc=30"
+    other = limits.split()
     if not succeeds([*other, sys.executable, "-c", "import rclpy"]):
         raise Skipped("another user cannot use this environment")
     home = {"HOME": str(lab.folder)}
