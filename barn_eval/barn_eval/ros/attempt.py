@@ -47,7 +47,7 @@ from barn_worlds.robots.files import STANDARD_ROBOT
 from barn_worlds.ros.domain import reserve_domain
 from barn_worlds.ros.topics import create_publisher, find_message_class, subscribe
 
-_JOIN_LIMIT_S = 20.0  # for the planner to be on the graph
+_JOIN_LIMIT_S = 15.0  # for the planner to be on the graph
 _GRAPH_LIMIT_S = 6.0  # for its publisher of commands, from then on
 _STEADY_S = 0.7  # without a change there
 _SCAN_LIMIT_S = 180.0  # for the first scan: kernels may be compiled before
