@@ -272,7 +272,10 @@ def compare_folders(
     # Before tasks are compared, so that a wrong planner is reported first.
     pairs = _pair_planners(a, b, list(groups_a), list(groups_b))
     require_same_task([source_a.path, source_b.path])
-    place_a, place_b = _name_folders(source_a.path, source_b.path)
+    place_a, place_b = (item.path.resolve().name for item in (source_a, source_b))
+    if place_a == place_b:
+        place_a = str(source_a.path)
+        place_b = str(source_b.path)
 
     comparisons = []
     entries: dict[str, Entry] = {}
@@ -324,13 +327,6 @@ def _pair_planners(
             "select planners as FOLDER:PLANNER"
         )
     return pairs
-
-
-def _name_folders(a: Path, b: Path) -> tuple[str, str]:
-    """Return both folders' names without parents, or their paths if names are equal."""
-    if a.resolve().name == b.resolve().name:
-        return str(a), str(b)
-    return a.resolve().name, b.resolve().name
 
 
 def read_selections(a: Path, b: Path | None = None) -> list[Selection]:

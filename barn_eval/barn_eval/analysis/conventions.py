@@ -163,9 +163,8 @@ def _place(
 
 def _mean(values: Sequence[float]) -> float | None:
     """Return the mean; None without values, or if one is not finite."""
-    if not values or not np.isfinite(values).all():
-        return None
-    return float(np.mean(values))
+    mean = float(np.mean(values or math.nan))
+    return mean if math.isfinite(mean) else None
 
 
 def _successes_s(rows: Rows) -> list[float]:
@@ -189,9 +188,9 @@ def select_timely(rows: Rows, window_s: float) -> Rows:
         return rows
 
     window_end_s = min(starts_s.values()) + window_s
-    timely = []
-    for row in rows:
-        end_s = starts_s.get(row.trial_id, -math.inf) + row.wall_clock.duration_s
-        if end_s <= window_end_s:
-            timely.append(row)
-    return timely
+    return [
+        row
+        for row in rows
+        if starts_s.get(row.trial_id, -math.inf) + row.wall_clock.duration_s
+        <= window_end_s
+    ]

@@ -40,9 +40,9 @@ def pair_by_world(measured: Sequence[Entry], simulated: Sequence[Entry]) -> Text
     """
     measured_groups = _group(measured)
     simulated_groups = _group(simulated)
-    protocols = set()
-    for entry in (*measured, *simulated):
-        protocols |= {row.protocol for row in entry.results}
+    protocols = {
+        row.protocol for item in (*measured, *simulated) for row in item.results
+    }
     if len(protocols) > 1:
         raise ConfigError(
             f"{simulated[0].source.path}: measured and simulated trials have several"

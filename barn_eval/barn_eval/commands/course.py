@@ -57,10 +57,9 @@ def plan(
     """Write a plan for building WORLD: coordinates, counts, tape distances, and tiles to scale."""
     if box is not None and post is not None:
         raise click.UsageError("--box and --post cannot be used together")
-    if box is not None:
-        config |= {"shape": "box", "size_m": box}
-    if post is not None:
-        config |= {"shape": "post", "size_m": post}
+    for shape, size_m in (("box", box), ("post", post)):
+        if size_m is not None:
+            config |= {"shape": shape, "size_m": size_m}
     details = _load(dataset, world)
     api_worlds.plan(details, out, robot=robot, course=course or (), **config)
     print_notes(out)
@@ -112,9 +111,10 @@ def survey(
     records = content.to_dict("index")
     is_sure = content.unsure == ""
     farthest = content[is_sure].nlargest(_MOST_ROWS, "off_mm").drop(columns="unsure")
-    doubts = []
-    for reason, rows in content[~is_sure].groupby("unsure"):
-        doubts.append((reason, str(len(rows)), ", ".join(map(str, rows.index))))
+    doubts = [
+        (reason, str(len(rows)), ", ".join(map(str, rows.index)))
+        for reason, rows in content[~is_sure].groupby("unsure")
+    ]
     print_output(
         as_json,
         {"world": world.name, "datum": result.datum, "obstacles": records},

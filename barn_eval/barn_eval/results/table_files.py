@@ -124,18 +124,16 @@ def _make_row(
         )
     is_success = word == Outcome.SUCCESS
     time_s = _number(where, "time", trial.get("time", ""))
-    if is_success and time_s is None:
-        raise ConfigError(f"{where}: a success needs a time")
     metric = _number(where, "metric", trial.get("metric", ""))
     unknown: dict[str, Any] = dict.fromkeys(item.name for item in fields(Measures))
     scored_time_s = math.nan
-    if is_success and time_s is not None:
+    if is_success:
+        if time_s is None:
+            raise ConfigError(f"{where}: a success needs a time")
         scored_time_s = time_s
-    texts = dict.fromkeys(
-        ("world_name", "world_checksum", "preset", "mode", "detail"), ""
-    )
-    seeds = dict.fromkeys(("campaign_seed", "simulator_seed", "planner_seed"), 0)
-    row: dict[str, Any] = {**texts, **seeds}
+    texts = ("world_name", "world_checksum", "preset", "mode", "detail")
+    row: dict[str, Any] = dict.fromkeys(texts, "")
+    row |= dict.fromkeys(("campaign_seed", "simulator_seed", "planner_seed"), 0)
     return TrialResult(
         **row,
         trial_id=trial_id,

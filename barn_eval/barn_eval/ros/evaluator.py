@@ -50,7 +50,7 @@ from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfi
 from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_eval.trials.system import ObservedTrial
 from barn_eval.trials.system_file import read_system
-from barn_eval.trials.trial import finish_trial
+from barn_eval.trials.trial import arrival_error_s, finish_trial
 from barn_worlds.base.config import from_dict
 from barn_worlds.base.errors import BarnError, ExitCode
 from barn_worlds.base.files import read_json
@@ -309,6 +309,9 @@ class TrialRunner:
                 unknown_m = np.full(len(trajectory.stamps_ns), np.nan)
                 trajectory = replace(trajectory, clearance_m=unknown_m)
                 clearance_by = ""
+            error_s = trial.uncertainty_s
+            if error_s is not None:
+                error_s += arrival_error_s(spec, verdict, trajectory)
             remarks = [wall_clock.remark, self.context.integrity.remarks]
             finished = finish_trial(
                 spec,
@@ -319,9 +322,7 @@ class TrialRunner:
                 recoveries=trial.trial.recoveries,
                 planner_verdict=trial.action_result,
                 remarks="; ".join(filter(None, remarks)),
-                observed=ObservedTrial.of(
-                    spec.system, clearance_by, trial.uncertainty_s
-                ),
+                observed=ObservedTrial.of(spec.system, clearance_by, error_s),
             )
             if recorder is not None:
                 finish_bag(recorder, finished)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from barn_eval.results.bags.observed import ObservedDrive, read_observed_drive
+from barn_eval.results.bags.observed import Logged, ObservedDrive, read_observed_drive
 from barn_eval.results.bags.sources import Sources
 from barn_eval.results.folder import ResultsFolder
 from barn_eval.results.run_file import WORLDS
@@ -37,6 +37,7 @@ RECORDED = "recorded"
 
 _TRIAL_ID = re.compile(r"(.+)_w(\d{4,})_r(\d\d)")
 _FIXED_FRAMES = (FRAMES.map, "world")
+_BACK_M = 0.5  # from where a trial began, for another one to begin
 _CELL_M = 10.0  # of a world of which nothing is known but start and goal
 
 
@@ -103,19 +104,6 @@ class JudgeOptions(Checked):
         self.require(is_valid, name, "must be numbers of 0 or more, such as 0,30")
         return numbers
 
-    @property
-    def operator_contacts_s(self) -> list[float] | None:
-        """Times of contacts in s from the start; None unless an operator reports them."""
-        if self.contact != OPERATOR:
-            return None
-        return self.numbers("contact_at")
-
-    @property
-    def sources(self) -> Sources:
-        """The topics of a bag that options name; empty names are left to the bag."""
-        contact = "" if self.contact == OPERATOR else self.contact
-        return Sources(self.pose, self.goal, contact, self.namespace)
-
 
 def judge(
     bags: Sequence[Path],
@@ -147,7 +135,10 @@ def judge(
         raise ConfigError(
             f"world: {len(worlds)} numbers for {len(bags)} bags; give one, or one for each"
         )
-    drives = [read_observed_drive(path, options.sources) for path in bags]
+    is_operator = options.contact == OPERATOR
+    contact = "" if is_operator else options.contact
+    sources = Sources(options.pose, options.goal, contact, options.namespace)
+    drives = [read_observed_drive(path, sources) for path in bags]
     systems = {_system_of(drive, options): drive.path for drive in drives}
     system = min(systems, key=str)
     if len(systems) > 1:
@@ -161,12 +152,11 @@ def judge(
 
     run = _plan(out, options, course, system, segments)
     specs = {spec.trial_id: spec for spec in run.trials()}
-    finished = {}
-    for segment in segments:
-        spec = specs[segment.trial_id]
-        finished[spec.trial_id] = judge_segment(
-            segment, spec, options.operator_contacts_s
-        )
+    contacts_s = options.numbers("contact_at") if is_operator else None
+    finished = {
+        segment.trial_id: judge_segment(segment, specs[segment.trial_id], contacts_s)
+        for segment in segments
+    }
     # Only now, so that a bag that cannot be judged leaves no folder.
     with ResultsFolder.open(
         run.out,
@@ -198,20 +188,28 @@ def _system_of(drive: ObservedDrive, options: JudgeOptions) -> System:
 def _split(drive: ObservedDrive) -> Iterator[Segment]:
     """Yield a drive's segments, one per goal, or the whole; BagError below two poses.
 
-    A segment ends before the next goal.
+    A segment ends before the next goal. The same goal may be sent again and again: it
+    begins a segment if the robot is back where the last one began.
     """
     count = len(drive.poses)
     if not drive.goals:
         yield Segment(drive, 0, count, None)
-        return
-    goal_times = [goal.log_ns for goal in drive.goals]
-    firsts = np.searchsorted(drive.log_times_ns, goal_times).tolist()
-    for goal, first, end in zip(drive.goals, firsts, [*firsts[1:], count], strict=True):
+    poses = [logged.content.pose for logged in drive.poses]
+    places_m = np.array([complex(pose.x, pose.y) for pose in poses])
+    goals: dict[int, Logged] = {}  # by index of their first pose
+    last = 0
+    for goal in drive.goals:
+        first = min(drive.index_at(goal.log_ns - 1) + 1, count - 1)
+        if goals and goals[last][1:] == goal[1:]:
+            away_m = abs(places_m[last : first + 1] - places_m[last])
+            if away_m.max(initial=0.0) < 2.0 * _BACK_M or away_m[-1] > _BACK_M:
+                continue
+        last = first
+        goals[first] = goal
+    for (first, goal), end in zip(goals.items(), [*goals, count][1:], strict=True):
         if end - first < 2:
-            raise BagError(
-                f"{drive.path}: has no poses for its goal {goal.content.pose}"
-            )
-        pose = goal.content.pose if goal.content.frame == drive.frame else None
+            raise BagError(f"{drive.path}: has no poses for its goal {goal.content}")
+        pose = goal.content if goal.frame == drive.frame else None
         yield Segment(drive, first, end, pose)
 
 
@@ -277,9 +275,8 @@ def _plan(
     protocol = load_protocol(options.protocol)
     simulator = simulator_config(protocol, robot=load_robot(options.robot))
     if datasets[0] == WORLDS:
-        worlds = {}
-        for segment in segments:
-            worlds[segment.world] = _unknown_world(segment, course, robot_of(simulator))
+        robot = robot_of(simulator)
+        worlds = {item.world: _unknown_world(item, course, robot) for item in segments}
         course = ()
     planners = dict.fromkeys(segment.planner for segment in segments)
     numbers = sorted({segment.world for segment in segments})
@@ -321,10 +318,10 @@ def _unknown_world(segment: Segment, course: Sequence[float], robot: Robot) -> W
         # From where the robot stood, whatever its poses began at.
         goal = start @ Pose2D(x, y, yaw).inverse() @ Pose2D(goal_x, goal_y, 0.0)
     if goal is None:
-        goals = [goal.content.frame for goal in segment.drive.goals]
+        drive = segment.drive
         reason = "has no goal (a topic of geometry_msgs/msg/PoseStamped)"
-        if goals:
-            reason = f"its goal is in frame {goals[0]}, but poses are in {segment.drive.frame}"
+        if drive.goals:
+            reason = f"its goal is in frame {drive.goals[0].frame}, but poses are in {drive.frame}"
         raise BagError(f"{path}: {reason}; name a goal by --goal, --world or --course")
     ends = np.array([(start.x, start.y), (goal.x, goal.y)])
     corner_x, corner_y = (ends.min(axis=0) - _CELL_M).tolist()

@@ -11,7 +11,13 @@ from barn_eval.results.run_file import WORLDS
 from barn_eval.trials.result import Outcome, format_trial_id
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.system import ObservedTrial
-from barn_eval.trials.trial import FinishedTrial, RunningTrial, finish_trial
+from barn_eval.trials.trajectory import Trajectory
+from barn_eval.trials.trial import (
+    FinishedTrial,
+    RunningTrial,
+    arrival_error_s,
+    finish_trial,
+)
 from barn_worlds.base.arrays import Floats, side_lengths
 from barn_worlds.base.errors import BagError
 from barn_worlds.base.files import as_mapping
@@ -27,6 +33,7 @@ from barn_worlds.base.types import (
 UNKNOWN_PLANNER = "unknown"
 
 _FARTHEST_START_M = 1.0  # from the world's start, in the world's frame
+_LARGEST_TURN_RAD = 0.1  # of the goal seen from the start against the world's
 _FARTHEST_GOAL_M = 0.1  # from the world's goal, before a remark says so
 # Scans of fewer degrees see too little of what is near the robot.
 _NARROWEST_SCAN_RAD = math.pi
@@ -83,17 +90,14 @@ def judge_segment(
     """
     drive = segment.drive
     origin, remarks = _place_poses(segment, spec)
-    readings, back_ns = _take_readings(segment, origin)
-    doubts, uncertainty_s = _list_doubts(segment, spec, readings, back_ns)
-    remarks += doubts
-    if not spec.system.reports_contacts:
-        remarks.append("contacts are unknown, as nobody reported them")
-    if drive.problem:
-        remarks.append(drive.problem)
-
+    readings = _take_readings(segment, origin)
+    if len(readings) < 2:
+        raise BagError(f"{drive.path}: stamps of its poses do not increase")
     trial = RunningTrial(spec)
     contacts = _find_contacts(segment, readings, operator_contacts_s)
     _replay(trial, segment, readings, contacts)
+    trajectory = trial.log.trajectory()
+    used = list(readings)[: len(trajectory.stamps_ns)]
     verdict = trial.verdict
     if verdict is None:
         left_m = trial.referee.standing.goal_distance_m
@@ -101,11 +105,19 @@ def judge_segment(
             Outcome.ENVIRONMENT_FAILED,
             f"the bag ends {left_m:.2f} m from the goal, before a verdict",
         )
+    else:
+        # What comes later does not matter.
+        segment = replace(segment, end=used[-1] + 1)
+    doubts, uncertainty_s = _list_doubts(segment, spec, trajectory)
+    uncertainty_s += arrival_error_s(spec, verdict, trajectory)
+    remarks += doubts
+    if not spec.system.reports_contacts:
+        remarks.append("contacts are unknown, as nobody reported them")
+    if drive.problem:
+        remarks.append(drive.problem)
 
-    trajectory = trial.log.trajectory()
     clearance_by = "world"
     if not segment.is_known or spec.system.frame != "world":
-        used = list(readings)[: len(trajectory.stamps_ns)]
         clearance_m = _scan_clearances(drive, spec, used)
         clearance_by = "scans" if np.isfinite(clearance_m).any() else ""
         trajectory = replace(trajectory, clearance_m=clearance_m)
@@ -147,6 +159,14 @@ def _place_poses(segment: Segment, spec: TrialSpec) -> tuple[Pose2D, list[str]]:
         )
     if segment.goal is None:
         return origin, []
+    if spec.system.frame == "odom":
+        # One heading of odometry is noisy; the direction of the goal is not.
+        planned = course.start.inverse() @ course.goal
+        recorded = segment.start.inverse() @ segment.goal
+        turn = math.atan2(planned.y, planned.x) - math.atan2(recorded.y, recorded.x)
+        if abs(math.remainder(turn, math.tau)) < _LARGEST_TURN_RAD:
+            turned = course.start @ Pose2D(0.0, 0.0, turn)
+            origin = turned @ segment.start.inverse()
     goal_away_m = (origin @ segment.goal).distance(course.goal)
     if goal_away_m <= _FARTHEST_GOAL_M:
         return origin, []
@@ -175,8 +195,8 @@ def _replay(
             return
 
 
-def _take_readings(segment: Segment, origin: Pose2D) -> tuple[dict[int, Odometry], int]:
-    """Return true poses by index of the pose, and by how many ns stamps go back.
+def _take_readings(segment: Segment, origin: Pose2D) -> dict[int, Odometry]:
+    """Return true poses by index of the pose.
 
     Poses whose stamps do not increase are left out. A twist that is not known follows
     from the pose before.
@@ -187,15 +207,10 @@ def _take_readings(segment: Segment, origin: Pose2D) -> tuple[dict[int, Odometry
     """
     readings: dict[int, Odometry] = {}
     last: Odometry | None = None
-    back_ns = 0
     for index in range(segment.first, segment.end):
-        logged = segment.drive.poses[index]
-        odometry: Odometry = logged.content
+        odometry: Odometry = segment.drive.poses[index].content
         stamp_ns = odometry.stamp_ns
-        if segment.drive.clock == "log":
-            stamp_ns = logged.log_ns
         if last is not None and stamp_ns <= last.stamp_ns:
-            back_ns = max(back_ns, last.stamp_ns - stamp_ns)
             continue
         pose = odometry.pose
         if origin != ORIGIN:
@@ -209,25 +224,22 @@ def _take_readings(segment: Segment, origin: Pose2D) -> tuple[dict[int, Odometry
                 velocity = Velocity2D(step.x / period_s, step.yaw / period_s)
         last = Odometry(stamp_ns, pose, velocity)
         readings[index] = last
-    return readings, back_ns
+    return readings
 
 
 def _list_doubts(
-    segment: Segment, spec: TrialSpec, by_index: Mapping[int, Odometry], back_ns: int
-) -> tuple[list[str], float | None]:
-    """Return (remarks on doubtful times, their error in s, None below two readings).
+    segment: Segment, spec: TrialSpec, trajectory: Trajectory
+) -> tuple[list[str], float]:
+    """Return (remarks on doubtful times, their error in s).
 
     Args:
         segment: The segment.
         spec: The trial that it is.
-        by_index: Its readings by index.
-        back_ns: By how much stamps have gone back.
+        trajectory: Its readings.
     """
-    readings = list(by_index.values())
-    if len(readings) < 2:
-        return [], None
-    stamps_ns = np.array([reading.stamp_ns for reading in readings])
-    periods_s = np.diff(stamps_ns) / NANOSECONDS_PER_SECOND
+    periods_s = np.diff(trajectory.stamps_ns) / NANOSECONDS_PER_SECOND
+    if not len(periods_s):
+        return [], 0.0
     period_s = float(np.median(periods_s))
     gap_s = float(periods_s.max())
     doubts = []
@@ -235,10 +247,14 @@ def _list_doubts(
         doubts.append(f"no pose for {gap_s:.2f} s")
     # The clock starts at a reading and stops at one, each up to a period late.
     uncertainty_s = max(2.0 * period_s, gap_s)
+    poses = segment.drive.poses[segment.first : segment.end]
+    stamps_ns = np.array([pose.content.stamp_ns for pose in poses])
+    back_ns = int((np.maximum.accumulate(stamps_ns) - stamps_ns).max())
     if back_ns:
         doubts.append(f"stamps of poses go back by up to {seconds(back_ns):.2f} s")
         uncertainty_s += seconds(back_ns)
-    logged_s = seconds(int(np.ptp(segment.drive.log_times_ns[list(by_index)])))
+    log_ns = segment.drive.log_times_ns[segment.first : segment.end]
+    logged_s = seconds(int(np.ptp(log_ns)))
     stamped_s = float(periods_s.sum())
     error_s = abs(logged_s - stamped_s)
     # A simulator's clock may be slower than the log's.
@@ -250,10 +266,8 @@ def _list_doubts(
         )
         uncertainty_s += error_s
 
-    positions = np.array([(reading.pose.x, reading.pose.y) for reading in readings])
-    speeds = np.array([reading.velocity.linear for reading in readings])
-    driven_m = float(side_lengths(positions).sum())
-    twist_m = float(np.abs(speeds[1:]) @ periods_s)
+    driven_m = float(side_lengths(trajectory.truth).sum())
+    twist_m = float(np.abs(trajectory.velocity[1:, 0]) @ periods_s)
     if driven_m > _SHORTEST_M and abs(twist_m - driven_m) > _TWIST_TOLERANCE * driven_m:
         doubts.append(
             f"positions move {driven_m:.2f} m, but the twist says {twist_m:.2f} m:"
@@ -306,7 +320,6 @@ def _scan_clearances(
     """
     lidar = spec.simulator.lidar
     built_in = Pose2D(lidar.mount_x_m, lidar.mount_y_m, lidar.mount_yaw_rad)
-    mount = drive.mounts.get(drive.scan_frame, built_in)
     gaps = np.full(len(drive.poses), np.nan)
     for logged in drive.scans:
         scan = logged.content
@@ -317,7 +330,7 @@ def _scan_clearances(
         ranges = scan.ranges[is_hit].astype(np.float64)
         bearings = angles[is_hit]
         points = np.column_stack([ranges * np.cos(bearings), ranges * np.sin(bearings)])
-        x, y = mount.transform(points).T
+        x, y = drive.mounts.get(logged.frame, built_in).transform(points).T
         index = drive.index_at(logged.log_ns)
         if index >= 0:
             gap_m = spec.outline.distances(x, y).min()

@@ -136,12 +136,10 @@ def fit_line(x: Floats, y: Floats) -> Line:
 
     variances = np.maximum(np.diag(ordinary), np.diag(robust))
     reaches = _student_quantile(points) * np.sqrt(variances)
-    intervals = []
-    for estimate, reach in zip(coefficients, reaches, strict=True):
-        intervals.append(
-            Interval(float(estimate), float(estimate - reach), float(estimate + reach))
-        )
-    intercept, slope = intervals
+    limits = np.column_stack(
+        [coefficients, coefficients - reaches, coefficients + reaches]
+    )
+    intercept, slope = (Interval(*row) for row in limits.tolist())
     return Line(slope, intercept)
 
 
@@ -173,12 +171,10 @@ def measure_difficulty(folders: Sequence[Path]) -> PhysicalFinding:
     measured_rows = _rows_by_world(observed)
     planners = sorted({row.planner for rows in measured_rows.values() for row in rows})
     simulated_rows = _rows_by_world(simulated)
-    worlds = _read_known_worlds(observed, notes)
+    worlds = read_worlds((row, source) for source in observed for row in source.results)
 
     difficulties = []
     for checksum, rows in measured_rows.items():
-        if checksum not in worlds:
-            continue
         difficulty = _measure_world(
             worlds[checksum], planners, rows, simulated_rows.get(checksum, []), notes
         )
@@ -193,41 +189,28 @@ def measure_difficulty(folders: Sequence[Path]) -> PhysicalFinding:
         raise ConfigError(" ".join([need, *notes]))
     difficulties.sort(key=lambda world: world.predicted_s_per_m)
 
-    counted = {world.checksum for world in difficulties}
-    rows = [row for checksum in counted for row in measured_rows[checksum]]
-    return _conclude(observed[0], planners, rows, difficulties, notes)
-
-
-def _conclude(
-    source: Source,
-    planners: Sequence[str],
-    rows: Sequence[TrialResult],
-    worlds: Sequence[WorldDifficulty],
-    notes: Sequence[str],
-) -> PhysicalFinding:
-    """Fit lines through the worlds' difficulties and return the finding."""
-    predicted = np.array([world.predicted_s_per_m for world in worlds])
-    measured = np.array([world.measured_s_per_m for world in worlds])
+    rows = [row for world in difficulties for row in measured_rows[world.checksum]]
+    predicted = np.array([world.predicted_s_per_m for world in difficulties])
+    measured = np.array([world.measured_s_per_m for world in difficulties])
     line = fit_line(predicted, measured)
 
-    pairs = []
-    for world in worlds:
-        if world.simulated_s_per_m is not None:
-            pairs.append((world.simulated_s_per_m, world.measured_s_per_m))
     simulated_line = None
-    if len(pairs) >= FEWEST_WORLDS:
-        simulated_line = fit_line(*np.array(pairs).T)
+    simulated_s_per_m = [world.simulated_s_per_m for world in difficulties]
+    x = np.array(simulated_s_per_m, np.float64)  # NaN for None
+    is_known = np.isfinite(x)
+    if is_known.sum() >= FEWEST_WORLDS:
+        simulated_line = fit_line(x[is_known], measured[is_known])
 
     return PhysicalFinding(
-        system=source.system.name,
+        system=observed[0].system.name,
         planners=tuple(planners),
         trials=len(rows),
         failures=sum(not row.scores.success for row in rows),
-        worlds=tuple(worlds),
+        worlds=tuple(difficulties),
         line=line,
         simulated_line=simulated_line,
-        half_widths=_foretell_half_widths(line, len(worlds)),
-        noise_share=_noise_share(line, worlds),
+        half_widths=_foretell_half_widths(line, len(difficulties)),
+        noise_share=_noise_share(line, difficulties),
         notes=tuple(notes),
     )
 
@@ -237,28 +220,25 @@ def _foretell_half_widths(line: Line, worlds: int) -> dict[int, float]:
     assert line.slope.high is not None
     half_width = line.slope.high - line.slope.estimate
     error_of_one = half_width / _student_quantile(worlds) * math.sqrt(worlds)
-    half_widths = {}
-    for number in _PLANNED_WORLDS:
-        half_widths[number] = (
-            _student_quantile(number) * error_of_one / math.sqrt(number)
-        )
-    return half_widths
+    return {
+        number: _student_quantile(number) * error_of_one / math.sqrt(number)
+        for number in _PLANNED_WORLDS
+    }
 
 
 def _noise_share(line: Line, worlds: Sequence[WorldDifficulty]) -> float | None:
     """Return trials' noise as a share of the scatter; None if unknown or no scatter."""
-    noises = []
-    residuals = []
+    scatter = 0.0
+    noise = 0.0
     for world in worlds:
         if world.noise_variance is None:
             return None
-        noises.append(world.noise_variance)
         height = line.intercept.estimate + line.slope.estimate * world.predicted_s_per_m
-        residuals.append(world.measured_s_per_m - height)
-    scatter = float(np.square(residuals).sum()) / (len(worlds) - 2)
+        scatter += (world.measured_s_per_m - height) ** 2 / (len(worlds) - 2)
+        noise += world.noise_variance / len(worlds)
     if scatter == 0.0:
         return None
-    return min(float(np.mean(noises)) / scatter, 1.0)
+    return min(noise / scatter, 1.0)
 
 
 def _student_quantile(points: int) -> float:
@@ -282,26 +262,20 @@ def _rows_by_world(sources: Iterable[Source]) -> _RowsByWorld:
     return groups
 
 
-def _read_known_worlds(sources: Sequence[Source], notes: list[str]) -> dict[str, World]:
-    """Return the readable worlds by checksum; append a note per unreadable one."""
-    worlds = {}
-    read = read_worlds((row, source) for source in sources for row in source.results)
-    for checksum, world in read.items():
-        if isinstance(world, World):
-            worlds[checksum] = world
-        else:
-            notes.append(world[0].upper() + world[1:] + ".")
-    return worlds
-
-
 def _measure_world(
-    world: World,
+    world: World | str,
     planners: Sequence[str],
     rows: Sequence[TrialResult],
     simulated_rows: Sequence[TrialResult],
     notes: list[str],
 ) -> WorldDifficulty | None:
-    """Return a world's difficulty; if it is left out, append a note and return None."""
+    """Return a world's difficulty; if it is left out, append a note and return None.
+
+    A text in place of the world says why it cannot be read.
+    """
+    if isinstance(world, str):
+        notes.append(world[0].upper() + world[1:] + ".")
+        return None
     number = rows[0].world
     groups = group_by_planner(rows)
     missing = [planner for planner in planners if planner not in groups]
@@ -315,16 +289,14 @@ def _measure_world(
         return None
 
     means = {}
-    variances: list[float] | None = []
+    variances = []
     for planner in planners:
         times = _times_s_per_m(groups[planner])
         means[planner] = float(times.mean())
-        if len(times) < 2 or variances is None:
-            variances = None
-        else:
+        if len(times) > 1:
             variances.append(float(times.var(ddof=1)) / len(times))
     noise_variance = None
-    if variances is not None:
+    if len(variances) == len(planners):
         noise_variance = sum(variances) / len(planners) ** 2
 
     simulated = group_by_planner(simulated_rows)

@@ -241,12 +241,10 @@ def _fit(points_m: Points, targets_m: Points) -> Pose2D:
     """Return the rigid motion that best fits points (n, 2) to targets (n, 2)."""
     center_m = points_m.mean(axis=0)
     target_m = targets_m.mean(axis=0)
-    x, y = (points_m - center_m).T
-    target_x, target_y = (targets_m - target_m).T
-    yaw = np.arctan2(
-        (x * target_y - y * target_x).sum(), (x * target_x + y * target_y).sum()
-    )
-    turn = Pose2D(0.0, 0.0, float(yaw))
+    # As complex numbers, each target over its point has the angle of the turn.
+    offsets_m = (points_m - center_m) @ (1.0, 1.0j)
+    turned_m = (targets_m - target_m) @ (1.0, 1.0j)
+    turn = Pose2D(0.0, 0.0, float(np.angle(np.vdot(offsets_m, turned_m))))
     shift_x, shift_y = (target_m - turn.transform(center_m[None])[0]).tolist()
     return Pose2D(shift_x, shift_y, turn.yaw)
 

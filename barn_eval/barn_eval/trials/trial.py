@@ -13,15 +13,23 @@ from traceback import extract_tb, format_exc
 from types import FrameType
 from typing import Any, TypeVar
 
+import numpy as np
+
 from barn_eval.trials.encounters import measure_encounters
 from barn_eval.trials.referee import Referee
 from barn_eval.trials.result import Outcome, Scores, TrialResult, Verdict, score_trial
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import Trajectory, TrajectoryLog, measure_trajectory
 from barn_planners.interface import PlannerStatus
-from barn_worlds.base.arrays import Floats
+from barn_worlds.base.arrays import Floats, side_lengths
 from barn_worlds.base.errors import strip_controls
-from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Odometry, Pose2D, Velocity2D
+from barn_worlds.base.types import (
+    NANOSECONDS_PER_SECOND,
+    Odometry,
+    Pose2D,
+    Velocity2D,
+    seconds,
+)
 
 T = TypeVar("T")
 
@@ -32,6 +40,7 @@ STALLED = 10.0
 # Most characters of a planner's text in a row.
 MAX_TEXT_LENGTH = 2000
 _MAX_ERROR_LENGTH = 300
+_ODOMETRY_DRIFT = 0.02  # share of the way by which odometry may be off
 _SCHEDULE_BYTES = 100  # more than three numbers of 64 bits take
 
 
@@ -364,6 +373,26 @@ def finish_trial(
         **columns,
     )
     return FinishedTrial(spec, result, trajectory)
+
+
+def arrival_error_s(spec: TrialSpec, verdict: Verdict, trajectory: Trajectory) -> float:
+    """Return by how many s an arrival may be off because odometry drifts, else 0.
+
+    Earlier, the robot was too far from the goal whatever the drift.
+
+    Args:
+        spec: The trial.
+        verdict: How it ended.
+        trajectory: The judged poses.
+    """
+    if spec.system.frame != "odom" or verdict.success_time_s is None:
+        return 0.0
+    truth = trajectory.truth
+    goal = spec.course.goal
+    drift_m = _ODOMETRY_DRIFT * side_lengths(truth).sum()
+    left_m = np.hypot(truth[:, 0] - goal.x, truth[:, 1] - goal.y)
+    is_near = left_m <= spec.scaled_protocol.goal_distance_m + drift_m
+    return seconds(int(np.ptp(trajectory.stamps_ns[np.argmax(is_near) :])))
 
 
 def describe_error(error: Exception) -> str:

@@ -287,10 +287,9 @@ def check_trial(evidence: TrialEvidence) -> TrialCheck:
         unchecked = _why_not_driven(row, recorded, commands)
         if commands is not None and evidence.drive and not unchecked:
             simulated = drive_again(spec, commands)
-            differences += _compare_tip(row, simulated)
+            differences += _compare_drives(row, recorded, simulated)
         if recorded is not None and simulated is not None:
             problems += _compare_commands(recorded, simulated)
-            differences += _compare_readings(recorded, simulated)
         readings = recorded or simulated
         # Poses of an observed trial are in a frame of their own.
         if readings is not None and row.observed is None:
@@ -372,12 +371,6 @@ def _why_not_driven(
     return ""
 
 
-def _compare_tip(row: TrialResult, simulated: Readings) -> Iterator[str]:
-    """Yield a text if the row says that the robot tipped over and the simulation not."""
-    if row.outcome is Outcome.ROBOT_TIPPED and not simulated.is_tipped:
-        yield "its commands, driven again, do not tip the robot over"
-
-
 def _compare_commands(recorded: Readings, simulated: Readings) -> Iterator[str]:
     """Yield a text if the commands in the bag and those driven again differ."""
     command = recorded.trajectory.command
@@ -385,9 +378,14 @@ def _compare_commands(recorded: Readings, simulated: Readings) -> Iterator[str]:
         yield "its commands differ from those in its bag"
 
 
-def _compare_readings(recorded: Readings, simulated: Readings) -> Iterator[str]:
-    """Yield a text on where readings after the same commands first differ, if they do."""
-    if any(_compare_commands(recorded, simulated)):
+def _compare_drives(
+    row: TrialResult, recorded: Readings | None, simulated: Readings
+) -> Iterator[str]:
+    """Yield texts on a tip not repeated, and on where readings first differ."""
+    if row.outcome is Outcome.ROBOT_TIPPED and not simulated.is_tipped:
+        yield "its commands, driven again, do not tip the robot over"
+    # After other commands, readings differ in any case.
+    if recorded is None or any(_compare_commands(recorded, simulated)):
         return
     difference = np.abs(_reading_table(recorded) - _reading_table(simulated))
     yaws = difference[:, [3, 6]]
@@ -408,9 +406,8 @@ def _compare_readings(recorded: Readings, simulated: Readings) -> Iterator[str]:
 def _reading_table(readings: Readings) -> Floats:
     """Return readings (n, 10): time [s], true pose, odometry, speed, yaw rate, contact."""
     trajectory = readings.trajectory
-    times_s = trajectory.stamps_ns / NANOSECONDS_PER_SECOND
     columns = [
-        times_s,
+        trajectory.stamps_ns / NANOSECONDS_PER_SECOND,
         trajectory.truth,
         readings.odometry,
         trajectory.velocity,

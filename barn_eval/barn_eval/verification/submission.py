@@ -120,7 +120,7 @@ def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderC
             f"{folder}: cannot be submitted: has no {COMMANDS_FILE}"
             f"{run_file.origin_note()}"
         )
-    for file in _parameter_files(folder, run_file.run_config()):
+    for file in _parameter_files(folder, config):
         files[f"parameters/{file.name}"] = file.read_bytes()
 
     contents = {

@@ -24,8 +24,8 @@ from barn_eval.verification.check import check_folder
 from barn_worlds.base.errors import BagError, ConfigError
 
 TRUTH = "/ground_truth/odom"
-KEPT = ("/odom", "/ground_truth/odom", "/tf", "/tf_static", "/collision", "/scan")
-KEPT = (*KEPT, "/cmd_vel", "/goal_pose")
+KEPT = "/odom /ground_truth/odom /tf /tf_static /collision /scan /cmd_vel /goal_pose"
+KEPT = KEPT.split()
 NEAR = "schema_version: 1\nbase: challenge\nname: near\ngoal_distance_m: 8.0\n"
 CONVERSIONS = {
     "sqlite": {"format": "sqlite"},
@@ -47,6 +47,23 @@ def nearer(tmp_path_factory):
     return folder / "gap_w0120_r00"
 
 
+@pytest.fixture(scope="module")
+def expected(nearer, tmp_path_factory):
+    """The row of that trial by its odometry."""
+    return judge_one(nearer, tmp_path_factory.mktemp("own"), protocol=near(nearer))
+
+
+@pytest.fixture
+def judge_changed(nearer, tmp_path):
+    """A function that judges the bag after a change of its messages."""
+
+    def judge_one_changed(change, name="gap_w0120_r00"):
+        path = write_bag(tmp_path / name, messages_of(nearer, change))
+        return judge_one(path, tmp_path / "out", protocol=near(nearer))
+
+    return judge_one_changed
+
+
 def near(bag):
     """The protocol by which a bag beside it is judged."""
     return str(bag.with_name("near.yaml"))
@@ -54,6 +71,11 @@ def near(bag):
 
 def kept(message):
     return message if message.topic in KEPT else None
+
+
+def of_odometry(edit):
+    """A change of a bag's messages, by `edit` of those on /odom."""
+    return lambda m: edited(m, edit) if m.topic == "/odom" else kept(m)
 
 
 def judge_one(path, out, **options):
@@ -83,13 +105,14 @@ def test_by_truth_a_row_is_that_of_the_run(collided, tmp_path):
 
 
 def test_by_odometry_times_are_within_a_reading_and_clearance_is_by_scans(
-    nearer, tmp_path
+    nearer, tmp_path, expected
 ):
-    by_truth = judge_one(nearer, tmp_path / "a", pose=TRUTH, protocol=near(nearer))
-    row = judge_one(nearer, tmp_path / "b", protocol=near(nearer))
+    row = expected
+    by_truth = judge_one(nearer, tmp_path, pose=TRUTH, protocol=near(nearer))
     assert row.outcome is by_truth.outcome is Outcome.SUCCESS
     error_s = row.scores.traversal_time_s - by_truth.scores.traversal_time_s
-    assert abs(error_s) <= row.observed.time_uncertainty_s == pytest.approx(0.1)
+    # A period at each end, and a drift of 2 % of 2 m at 0.5 m/s.
+    assert abs(error_s) <= row.observed.time_uncertainty_s == pytest.approx(0.15)
     assert row.observed.clearance_by == "scans"
     assert row.measures.min_clearance_m == pytest.approx(
         by_truth.measures.min_clearance_m, abs=0.02
@@ -112,8 +135,7 @@ def test_the_same_bag_in_any_form_gives_the_same_row(nearer, tmp_path, kind):
     assert row.repeatable() == own.repeatable()
 
 
-def test_parts_without_their_metadata_are_read(nearer, tmp_path):
-    expected = judge_one(nearer, tmp_path / "own", protocol=near(nearer))
+def test_parts_without_their_metadata_are_read(nearer, tmp_path, expected):
     write_bag(tmp_path / "bag", messages_of(nearer, kept), "sqlite")
     (database,) = (tmp_path / "bag").glob("*.db3")
     row = judge_one(database, tmp_path / "out", protocol=near(nearer), world="120")
@@ -121,16 +143,20 @@ def test_parts_without_their_metadata_are_read(nearer, tmp_path):
     assert row.planner == "unknown"
 
 
-def test_tf_gives_the_row_of_the_odometry(nearer, tmp_path):
-    by_odometry = judge_one(nearer, tmp_path / "own", protocol=near(nearer))
+def test_tf_gives_the_row_of_the_odometry(nearer, tmp_path, expected):
     pose = "/tf:odom.base_link"
     row = judge_one(nearer, tmp_path / "out", protocol=near(nearer), pose=pose)
-    assert row.scores == by_odometry.scores
+    assert row.scores == expected.scores
     assert row.observed.pose_source == pose
 
 
-def test_odometry_that_begins_anywhere_is_judged_from_its_first_pose(nearer, tmp_path):
+def test_odometry_that_begins_anywhere_is_judged_from_its_first_pose(
+    judge_changed, expected
+):
+    readings = []
+
     def moved(content):
+        readings.append(content)
         pose = content.pose.pose if hasattr(content, "twist") else content.pose
         position = pose.position
         x, y = position.x, position.y
@@ -139,23 +165,21 @@ def test_odometry_that_begins_anywhere_is_judged_from_its_first_pose(nearer, tmp
 
     def turned(orientation):
         yaw = 2.0 * math.atan2(orientation.z, orientation.w) + math.pi / 2.0
+        # One heading is noisy: the direction of the goal counts.
+        yaw += 0.05 * (len(readings) < 3)
         return math.sin(yaw / 2.0), math.cos(yaw / 2.0)
 
     def change(message):
         is_pose = message.topic in ("/odom", "/goal_pose")
         return edited(message, moved) if is_pose else kept(message)
 
-    path = write_bag(tmp_path / "gap_w0120_r00", messages_of(nearer, change))
-    row = judge_one(path, tmp_path / "out", protocol=near(nearer))
-    expected = judge_one(nearer, tmp_path / "own", protocol=near(nearer))
+    row = judge_changed(change)
     assert row.scores == expected.scores
     assert row.remarks == ""
 
 
-def test_without_a_world_what_needs_one_is_empty(nearer, tmp_path):
-    path = write_bag(tmp_path / "lab.mcap", messages_of(nearer, kept))
-    row = judge_one(path, tmp_path / "out", protocol=near(nearer))
-    expected = judge_one(nearer, tmp_path / "own", protocol=near(nearer))
+def test_without_a_world_what_needs_one_is_empty(judge_changed, expected, tmp_path):
+    row = judge_changed(kept, "lab.mcap")
     assert row.scores.traversal_time_s == expected.scores.traversal_time_s
     scores = row.scores
     assert (scores.challenge, scores.path_length_m) == (None, None)
@@ -189,58 +213,60 @@ def test_each_goal_begins_a_trial(nearer, tmp_path):
     def farther(content):
         content.pose.position.x += 20.0
 
-    later = replace(edited(goal, farther), stamp_ns=messages[-1].stamp_ns // 2)
-    messages.append(later)
+    def later(content):
+        content.header.stamp.sec += 100
+
+    end_ns = messages[-1].stamp_ns
+    messages += [
+        replace(edited(message, later), stamp_ns=message.stamp_ns + 10**11)
+        for message in messages
+        if message.topic in ("/odom", "/goal_pose")
+    ]
+    # Sent again on the way, a goal begins nothing.
+    messages.append(replace(goal, stamp_ns=end_ns // 3))
+    messages.append(replace(edited(goal, farther), stamp_ns=end_ns * 2 // 3))
     messages.sort(key=lambda message: message.stamp_ns)
     path = write_bag(tmp_path / "lab", messages)
     _, rows = judge([path], tmp_path / "out", JudgeOptions(protocol=near(nearer)))
-    assert [row.world for row in rows] == [0, 1]
-    assert rows[1].outcome is Outcome.ENVIRONMENT_FAILED
+    assert [row.world for row in rows] == [0, 1, 2]
     assert "m from the goal, before a verdict" in rows[1].detail
+    assert rows[2].outcome is Outcome.SUCCESS
+    assert rows[2].observed.time_uncertainty_s < 1.0
 
 
-def test_what_is_doubtful_is_said_and_enters_the_uncertainty(nearer, tmp_path):
+def test_what_is_doubtful_is_said_and_enters_the_uncertainty(judge_changed):
     def change(message):
         at_s = message.stamp_ns / 1e9
         if message.topic != "/odom":
             return kept(message)
         if 2.0 < at_s < 3.0:
-            return None
+            return edited(message, lost)
         return edited(message, back) if 3.1 < at_s < 3.3 else message
+
+    def lost(content):
+        content.pose.pose.position.x = math.nan
 
     def back(content):
         content.header.stamp.sec -= 2
 
-    path = write_bag(tmp_path / "gap_w0120_r00", messages_of(nearer, change))
-    row = judge_one(path, tmp_path / "out", protocol=near(nearer))
+    row = judge_changed(change)
     assert "no pose for 1.0" in row.remarks
     assert "stamps of poses go back by up to 1.95 s" in row.remarks
     assert row.observed.time_uncertainty_s > 2.9
 
-    def fast(message):
-        is_odometry = message.topic == "/odom"
-        return edited(message, twice) if is_odometry else kept(message)
-
     def twice(content):
         content.twist.twist.linear.x *= 2.0
 
-    path = write_bag(tmp_path / "fast" / "gap_w0120_r00", messages_of(nearer, fast))
-    row = judge_one(path, tmp_path / "out", protocol=near(nearer))
+    row = judge_changed(of_odometry(twice), "fast/gap_w0120_r00")
     assert "stamps may not be the robot's" in row.remarks
     assert row.observed.time_uncertainty_s > row.scores.duration_s / 2.0
 
 
-def test_a_log_without_stamps_gives_the_times(nearer, tmp_path):
+def test_a_log_without_stamps_gives_the_times(judge_changed, expected):
     def unstamped(content):
         content.header.stamp.sec = content.header.stamp.nanosec = 0
 
-    def change(message):
-        is_odometry = message.topic == "/odom"
-        return edited(message, unstamped) if is_odometry else kept(message)
-
-    path = write_bag(tmp_path / "gap_w0120_r00", messages_of(nearer, change))
-    row = judge_one(path, tmp_path / "out", protocol=near(nearer))
-    expected = judge_one(nearer, tmp_path / "own", protocol=near(nearer))
+    row = judge_changed(of_odometry(unstamped))
     assert row.scores == expected.scores
     assert (row.observed.clock, expected.observed.clock) == ("log", "stamps")
 
@@ -249,23 +275,25 @@ def without(*names):
     return lambda message: message if message.topic not in names else None
 
 
+def no_heading(content):
+    content.pose.pose.orientation.z = content.pose.pose.orientation.w = 0.0
+
+
 @pytest.mark.parametrize(
     ("change", "options", "words"),
     [
         (without("/goal_pose"), {}, "has no goal .a topic of geometry_msgs/msg/Pose"),
         (without("/odom", "/ground_truth/odom"), {}, "no poses of a robot on /odom"),
         (kept, {"pose": "/pose"}, "has no topic /pose; it has /cmd"),
-        (
-            kept,
-            {"pose": "/tf:a.b"},
-            "on /tf:a.b .tf has .*odom to bas",
-        ),
+        (kept, {"pose": "/tf:a.b"}, "on /tf:a.b .tf has .*odom to bas"),
         (
             kept,
             {"pose": "/tf:map.base_link"},
             "other frames are between: --pose /tf:map.odom.base_link",
         ),
         (kept, {"pose": "/scan"}, "no poses of a robot on /scan"),
+        (kept, {"contact": "/scan"}, "/scan: must be a std_msgs/msg/Bool"),
+        (of_odometry(no_heading), {}, "on /odom .none was sent, or none is finite"),
         (
             kept,
             {"world": "120", "frame": "world"},

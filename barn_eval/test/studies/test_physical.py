@@ -68,10 +68,8 @@ def folders(tmp_path_factory):
 def test_measured_and_simulated_stand_side_by_side(folders):
     finding = measure_difficulty(folders)
     assert (finding.system, finding.trials) == ("jackal 42", 5)
-    assert [world.world for world in finding.worlds] == [
-        world.world
-        for world in sorted(finding.worlds, key=lambda world: world.predicted_s_per_m)
-    ]
+    predicted_s_per_m = [world.predicted_s_per_m for world in finding.worlds]
+    assert predicted_s_per_m == sorted(predicted_s_per_m)
     # One simulated trial each, of which the bag is.
     for world in finding.worlds:
         assert world.simulated_s_per_m == pytest.approx(
@@ -130,8 +128,8 @@ def test_simulated_trials_alone_are_named_as_such(folders):
 
 
 def test_too_few_worlds_are_refused(folders, tmp_path, rejected):
-    lab, _ = folders
-    bags = [folders[1] / "bags" / "gap_w0050_r00"]
+    lab, sim = folders
+    bags = [sim / "bags" / "gap_w0050_r00"]
     judge(bags, tmp_path / "few", LAB)
     with pytest.raises(ConfigError, match="at least 4 are needed"):
         measure_difficulty([tmp_path / "few"])

@@ -49,7 +49,7 @@ def yaw_from_quaternion(x: float, y: float, z: float, w: float) -> float:
     # The short form is exact for rotations about z, which is what planar robots send.
     if x == 0.0 and y == 0.0:
         return wrap_angle(2.0 * math.atan2(z, w))
-    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
 
 
 @dataclass(frozen=True, slots=True)

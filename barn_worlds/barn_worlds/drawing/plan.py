@@ -141,9 +141,10 @@ class CoursePlan:
 
     def _tables(self) -> Iterator[Figure]:
         """Yield pages that list number, x and y (m) of each cylinder's center."""
-        lines = []
-        for number, (x, y) in enumerate(self.world.cylinders_m.tolist()):
-            lines.append(f"{number:4d} {x:7.3f} {y:7.3f}")
+        lines = [
+            f"{number:4d} {x:7.3f} {y:7.3f}"
+            for number, (x, y) in enumerate(self.world.cylinders_m.tolist())
+        ]
         first = len(self.world.obstacles_m)
         title = (
             f"{self.world.name}: number, x and y of each center in m; the containment"
@@ -163,8 +164,7 @@ class CoursePlan:
         goal_m = np.array([(self.goal.x, self.goal.y)])
         start_m = self.start.transform(self.outline_m)
         radius_m = self.goal_distance_m
-        low_x, low_y, high_x, high_y = self.world.bounds_m
-        bounds_m = [(low_x, low_y), (high_x, high_y)]
+        bounds_m = np.reshape(self.world.bounds_m, (2, 2))
         points_m = np.concatenate(
             [bounds_m, start_m, goal_m - radius_m, goal_m + radius_m]
         )

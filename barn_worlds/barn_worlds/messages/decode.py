@@ -181,7 +181,9 @@ def odometry(data: bytes) -> Odometry:
     stamp_ns, end = _read_stamp(data)
     offset = _align_double(_text_end(data, end))
     x, y, *quaternion, linear, angular = _POSE_AND_TWIST.unpack_from(data, offset)
-    pose = Pose2D(x, y, yaw_from_quaternion(*quaternion))
+    # Zeros are no orientation: who measures none sends them.
+    yaw = yaw_from_quaternion(*quaternion) if any(quaternion) else math.nan
+    pose = Pose2D(x, y, yaw)
     return Odometry(stamp_ns, pose, Velocity2D(linear, angular))
 
 

@@ -107,18 +107,17 @@ def write_replay(
             times_s = _frame_times(end_s, frames_per_s, speed, trials[0].name)
             frames = draw_frames(times_s)
             if ending == ".gif":
-                images = (_to_gif_colors(frame) for frame in frames)
+                # Dithered pixels change between frames, so files would be far larger.
+                images = (
+                    Image.fromarray(frame).quantize(
+                        _GIF_COLORS, _GIF_METHOD, dither=Image.Dither.NONE
+                    )
+                    for frame in frames
+                )
                 write_page(path, gif_bytes(images, frames_per_s))
             else:
                 _write_film(frames, path, frames_per_s)
     return list(files.values())
-
-
-def _to_gif_colors(frame: Pixels) -> Image.Image:
-    """Return an RGB frame as an image of 64 colors, not dithered."""
-    image = Image.fromarray(frame)
-    # Dithered pixels change between frames, which makes the file far larger.
-    return image.quantize(_GIF_COLORS, _GIF_METHOD, dither=Image.Dither.NONE)
 
 
 def sort_by_ending(outs: Sequence[str | Path]) -> dict[str, Path]:

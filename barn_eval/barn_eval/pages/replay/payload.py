@@ -246,9 +246,13 @@ def _add_lines(
         frame = recorded.to_frame(item)
         # A plan is a line itself; other messages have several.
         lines = getattr(item.content, "lines", [item.content])
-        lines = [_thin_out(frame.transform(line)) for line in lines if len(line)]
-        points += lines
-        lengths += [len(line) for line in lines]
+        lines = [frame.transform(line) for line in lines if len(line)]
+        for line in lines:
+            count = min(len(line), _MAX_POINTS)
+            # Evenly spaced, both ends among them.
+            positions = np.linspace(0, len(line) - 1, count).round().astype(int)
+            points.append(line[positions])
+            lengths.append(count)
         line_counts.append(len(lines))
     arrays[f"{name}_times"] = np.array([item.time_s for item in items])
     arrays[f"{name}_lines"] = np.cumsum(line_counts)
@@ -290,14 +294,6 @@ def _add_costmaps(recorded: RecordedTrial, arrays: Arrays) -> list[list[float]]:
     arrays["costmap_cells"] = np.concatenate(cells)
     arrays["costmap_times"] = np.array([item.time_s for item in costmaps])
     return grids
-
-
-def _thin_out(line: Floats) -> Floats:
-    """Return at most 120 evenly spaced points of a line, both ends among them."""
-    count = min(len(line), _MAX_POINTS)
-    positions = np.linspace(0, len(line) - 1, count).round().astype(int)
-    points: Floats = line[positions]
-    return points
 
 
 def shape_array(bodies: Bodies) -> Packable:

@@ -464,10 +464,20 @@ def _unpack(message: RawMessage) -> RawMessage:
 
 
 def _sqlite_messages(path: Path) -> Iterator[RawMessage]:
-    """Yield messages of a .db3 file, with type "" if not CDR; raise if damaged."""
-    _require_plain(path)
+    """Yield messages of a .db3 file, with type "" if not CDR; raise if damaged.
+
+    Views, triggers, computed columns and virtual tables are refused: they have code that
+    could run forever.
+    """
     uri = f"{path.absolute().as_uri()}?mode=ro"
-    with closing(sqlite3.connect(uri, uri=True)) as database:
+    # A pipe or a device is refused before SQLite opens it.
+    with open_regular(path), closing(sqlite3.connect(uri, uri=True)) as database:
+        tables = database.execute("SELECT name, type, sql FROM sqlite_master")
+        for name, kind, code in tables:
+            code_words = r"\b(GENERATED|VIRTUAL|AS)\b"
+            has_code = re.search(code_words, code or "", re.IGNORECASE)
+            if kind not in ("table", "index") or has_code:
+                raise ValueError(f"{kind} {name!r:.40} is not a plain table")
         # A join in SQLite could make any number of messages out of a small file, by many
         # topics with one number.
         topics = {number: topic for number, *topic in database.execute(_TOPICS)}
@@ -514,22 +524,6 @@ def _read_new(file: McapFile) -> list[RawMessage]:
 
 # Errors besides `DAMAGE` that readers of SQLite and ROS 1 raise for a damaged file.
 _DATABASE_DAMAGE = (ReaderError, SerdeError, sqlite3.Error, OSError, AssertionError)
-
-
-def _require_plain(path: Path) -> None:
-    """Raise ValueError if an SQLite file has anything but plain tables and indexes.
-
-    Views, triggers, computed columns and virtual tables have code that could run forever.
-    """
-    uri = f"{path.absolute().as_uri()}?mode=ro"
-    # A pipe or a device is refused before SQLite opens it.
-    with open_regular(path), closing(sqlite3.connect(uri, uri=True)) as database:
-        tables = database.execute("SELECT name, type, sql FROM sqlite_master")
-        for name, kind, code in tables:
-            code_words = r"\b(GENERATED|VIRTUAL|AS)\b"
-            has_code = re.search(code_words, code or "", re.IGNORECASE)
-            if kind not in ("table", "index") or has_code:
-                raise ValueError(f"{kind} {name!r:.40} is not a plain table")
 
 
 def _part_key(path: Path) -> tuple[int, str]:

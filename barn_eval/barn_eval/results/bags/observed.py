@@ -1,7 +1,8 @@
 """Read a robot's drive from any bag: poses, scans, commands, contacts and goals."""
 
+import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -9,27 +10,21 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from barn_eval.results.bags.bagfile import BagFile, RawMessage
-from barn_eval.results.bags.decode import metadata, read_mounts
+from barn_eval.results.bags.decode import frame_and_content, metadata, read_mounts
 from barn_eval.results.bags.sources import Sources, TopicChoice
 from barn_eval.trials.system import NO_CONTACT
 from barn_worlds.base.arrays import Integers
 from barn_worlds.base.errors import BagError, MessageError, format_error
-from barn_worlds.base.types import Pose2D
+from barn_worlds.base.types import Odometry, Pose2D
 from barn_worlds.messages import decode, topics
 
 
 class Logged(NamedTuple):
-    """A message's content, and the time at which it was logged."""
+    """A message's content and frame, and the time at which it was logged."""
 
     log_ns: int
     content: Any
-
-
-class GoalMessage(NamedTuple):
-    """A goal pose and its frame."""
-
-    pose: Pose2D
-    frame: str
+    frame: str = ""
 
 
 @dataclass
@@ -41,12 +36,11 @@ class ObservedDrive:
     frame: str = ""  # of the poses
     clock: str = "stamps"  # or "log" if poses have no stamps
     poses: list[Logged] = field(default_factory=list)  # Odometry
-    goals: list[Logged] = field(default_factory=list)  # GoalMessage, each new one
+    goals: list[Logged] = field(default_factory=list)  # Pose2D
     contacts: list[Logged] = field(default_factory=list)  # bool
     commands: list[Logged] = field(default_factory=list)  # Velocity2D
     scans: list[Logged] = field(default_factory=list)  # Scan
     contact_source: str = NO_CONTACT
-    scan_frame: str = ""
     mounts: dict[str, Pose2D] = field(default_factory=dict)  # in base_link, by frame
     trial: dict[str, Any] = field(default_factory=dict)  # in bags of the suite
     problem: str = ""  # why the bag could not be read to its end
@@ -54,7 +48,9 @@ class ObservedDrive:
     @cached_property
     def log_times_ns(self) -> Integers:
         """Times (n,) at which the poses were logged; use it only on a complete drive."""
-        return np.array([pose.log_ns for pose in self.poses], np.int64)
+        times_ns = np.array([pose.log_ns for pose in self.poses], np.int64)
+        # A recorder may write messages out of order.
+        return np.maximum.accumulate(times_ns)
 
     def index_at(self, log_ns: int) -> int:
         """Return the index of the last pose logged by a time, -1 if there is none."""
@@ -71,18 +67,18 @@ def read_observed_drive(path: Path, sources: Sources) -> ObservedDrive:
     choice = TopicChoice(bag, sources)
     reader = choice.pose_reader()
     drive = ObservedDrive(path, reader.name)
-    names = {*choice.paths, *reader.topics}
-    for message in bag.messages(names):
+    for message in bag.messages({*choice.paths, *reader.topics}):
         try:
             if message.topic in reader.topics:
-                for odometry in reader.read(message):
+                # Poses that are left out are a gap.
+                for odometry in filter(_is_finite, reader.read(message)):
                     drive.poses.append(Logged(message.stamp_ns, odometry))
             _take_message(drive, choice, message)
         except MessageError as error:
             raise BagError(f"{path}: {message.topic}: {format_error(error)}") from None
     drive.problem = bag.problem
     if not drive.poses:
-        reason = bag.problem or "none was sent"
+        reason = bag.problem or "none was sent, or none is finite"
         if sources.frames:
             links = sorted(f"{parent} to {child}" for parent, child in reader.links)
             reason = f"tf has {', '.join(links) or 'no frames'}"
@@ -94,6 +90,8 @@ def read_observed_drive(path: Path, sources: Sources) -> ObservedDrive:
     drive.trial = metadata(bag, "barn.trial", "specification")
     if not any(pose.content.stamp_ns for pose in drive.poses):
         drive.clock = "log"
+        for number, (log_ns, pose, _) in enumerate(drive.poses):
+            drive.poses[number] = Logged(log_ns, replace(pose, stamp_ns=log_ns))
     return drive
 
 
@@ -114,6 +112,12 @@ def _find_chain(links: Iterable[tuple[str, str]], frames: Sequence[str]) -> list
     return chain if chain[0] == frames[0] else []
 
 
+def _is_finite(odometry: Odometry) -> bool:
+    """Tell whether all numbers of an odometry's pose are finite."""
+    pose = odometry.pose
+    return math.isfinite(pose.x + pose.y + pose.yaw)
+
+
 def _take_message(
     drive: ObservedDrive, choice: TopicChoice, message: RawMessage
 ) -> None:
@@ -122,10 +126,8 @@ def _take_message(
     log_ns = message.stamp_ns
     data = message.data
     if topic == topics.GOAL_POSE.path:
-        goal = GoalMessage(decode.pose(data), decode.header(data).frame.lstrip("/"))
-        # The same goal may be sent again and again.
-        if not drive.goals or drive.goals[-1].content != goal:
-            drive.goals.append(Logged(log_ns, goal))
+        frame, goal = frame_and_content(topic, message.type_name, data)
+        drive.goals.append(Logged(log_ns, goal, frame.lstrip("/")))
     elif topic == topics.COLLISION.path and choice.sources.contact != NO_CONTACT:
         drive.contacts.append(Logged(log_ns, decode.boolean(data)))
         drive.contact_source = message.topic.removeprefix(choice.sources.namespace)
@@ -133,7 +135,7 @@ def _take_message(
         command = decode.command(data, message.type_name)
         drive.commands.append(Logged(log_ns, command))
     elif topic == topics.SCAN.path:
-        drive.scan_frame = decode.header(data).frame
-        drive.scans.append(Logged(log_ns, decode.scan(data)))
+        frame = decode.header(data).frame
+        drive.scans.append(Logged(log_ns, decode.scan(data), frame))
     elif topic == topics.TF_STATIC.path:
         drive.mounts |= read_mounts(data)

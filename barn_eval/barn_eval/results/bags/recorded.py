@@ -15,7 +15,7 @@ from barn_eval.results.bags.bagfile import BagFile
 from barn_eval.results.bags.decode import TOPICS, metadata
 from barn_eval.results.bags.messages import PUSHED_M
 from barn_eval.results.bags.movers import ROUNDING_S, RecordedMotions, compute_gaps
-from barn_eval.results.bags.sources import NO_SOURCES, PoseReader, Sources, TopicChoice
+from barn_eval.results.bags.sources import NO_SOURCES, Sources, TopicChoice
 from barn_eval.trials.trajectory import compute_clearances
 from barn_worlds.base.arrays import Bools, Floats
 from barn_worlds.base.errors import BagError, BarnError, format_error
@@ -301,7 +301,12 @@ def _read_items(
 
     if choice.sources.pose:
         messages[topics.GROUND_TRUTH.path] = []
-        messages[topics.ODOM.path] = list(_read_poses(bag, choice.pose_reader()))
+        reader = choice.pose_reader()
+        messages[topics.ODOM.path] = [
+            (message.stamp_ns, reader.frame, odometry)
+            for message in bag.messages(reader.topics)
+            for odometry in reader.read(message)
+        ]
     for rows in messages.values():
         # Messages with equal times keep their order.
         rows.sort(key=itemgetter(0))
@@ -317,13 +322,6 @@ def _read_items(
             for stamp_ns, frame, content in messages[key.path]
         ]
     return items
-
-
-def _read_poses(bag: BagFile, reader: PoseReader) -> Iterator[tuple[int, str, Any]]:
-    """Yield (log time [ns], frame, odometry) for each pose of a named source."""
-    for message in bag.messages(reader.topics):
-        for odometry in reader.read(message):
-            yield message.stamp_ns, reader.frame, odometry
 
 
 def _restamp(

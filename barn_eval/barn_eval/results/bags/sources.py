@@ -82,6 +82,8 @@ class TopicChoice:
         for topic, name in named.items():
             if name:
                 self._add(topic, self._require(name))
+                if topic.path not in self.paths.values():
+                    raise BagError(f"{bag.path}: {name}: must be a {topic.type_name}")
         for topic in vars(topics).values():
             if isinstance(topic, topics.Topic):
                 self._add(topic, f"{namespace}{topic.path}")
@@ -92,9 +94,12 @@ class TopicChoice:
         self._add(topics.GOAL_POSE, *goals)
 
     def _add(self, topic: topics.Topic, *names: str) -> None:
-        """Let a bag's topic stand for a suite's; ignore missing or taken names."""
+        """Let a bag's topic stand for a suite's; ignore other types and taken names."""
         is_known = topic.path in self.paths.values()
-        if len(names) == 1 and names[0] in self._bag.types and not is_known:
+        if len(names) != 1 or names[0] not in self._bag.types or is_known:
+            return
+        # The reader of poses takes several types, and says so.
+        if topic is topics.ODOM or self._bag.types[names[0]] == topic.type_name:
             self.paths.setdefault(names[0], topic.path)
 
     def _of_type(self, type_name: str) -> list[str]:
@@ -190,11 +195,10 @@ class PoseReader:
         self.frame = header.frame.lstrip("/")
         if message.type_name == _ODOMETRY:
             yield decode.odometry(message.data)
-        elif message.type_name == _POSE:
-            yield Odometry(header.stamp_ns, decode.pose(message.data), NO_TWIST)
         else:
-            pose = decode.pose_with_covariance(message.data)
-            yield Odometry(header.stamp_ns, pose, NO_TWIST)
+            is_plain = message.type_name == _POSE
+            read = decode.pose if is_plain else decode.pose_with_covariance
+            yield Odometry(header.stamp_ns, read(message.data), NO_TWIST)
 
     def _read_transforms(self, message: RawMessage) -> Iterator[Odometry]:
         """Yield a pose for each new transform of the last moving link of the chain.
