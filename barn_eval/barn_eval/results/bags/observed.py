@@ -10,7 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from barn_eval.results.bags.bagfile import BagFile, RawMessage
-from barn_eval.results.bags.decode import frame_and_content, metadata, read_mounts
+from barn_eval.results.bags.decode import (
+    TOPICS,
+    frame_and_content,
+    metadata,
+    read_mounts,
+)
 from barn_eval.results.bags.sources import Sources, TopicChoice
 from barn_eval.trials.system import NO_CONTACT
 from barn_worlds.base.arrays import Integers
@@ -123,6 +128,8 @@ def _take_message(
 ) -> None:
     """Add a goal, contact, command, scan or mount from a message to a drive."""
     topic = choice.paths.get(message.topic, "")
+    if message.type_name not in TOPICS.get(topic, ()):
+        return
     log_ns = message.stamp_ns
     data = message.data
     if topic == topics.GOAL_POSE.path:

@@ -81,8 +81,10 @@ class TopicChoice:
             named[topics.COLLISION] = sources.contact
         for topic, name in named.items():
             if name:
-                self._add(topic, self._require(name))
-                if topic.path not in self.paths.values():
+                found = self._require(name)
+                self._add(topic, found)
+                # The reader of poses takes several types, and says so.
+                if topic != topics.ODOM and bag.types[found] != topic.type_name:
                     raise BagError(f"{bag.path}: {name}: must be a {topic.type_name}")
         for topic in vars(topics).values():
             if isinstance(topic, topics.Topic):
@@ -94,12 +96,9 @@ class TopicChoice:
         self._add(topics.GOAL_POSE, *goals)
 
     def _add(self, topic: topics.Topic, *names: str) -> None:
-        """Let a bag's topic stand for a suite's; ignore other types and taken names."""
+        """Let a bag's topic stand for a suite's; ignore missing or taken names."""
         is_known = topic.path in self.paths.values()
-        if len(names) != 1 or names[0] not in self._bag.types or is_known:
-            return
-        # The reader of poses takes several types, and says so.
-        if topic is topics.ODOM or self._bag.types[names[0]] == topic.type_name:
+        if len(names) == 1 and names[0] in self._bag.types and not is_known:
             self.paths.setdefault(names[0], topic.path)
 
     def _of_type(self, type_name: str) -> list[str]:
