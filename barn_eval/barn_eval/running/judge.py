@@ -194,8 +194,9 @@ def _split(drive: ObservedDrive) -> Iterator[Segment]:
     count = len(drive.poses)
     if not drive.goals:
         yield Segment(drive, 0, count, None)
-    poses = [logged.content.pose for logged in drive.poses]
-    places_m = np.array([complex(pose.x, pose.y) for pose in poses])
+    places_m = np.array(
+        [complex(item.content.pose.x, item.content.pose.y) for item in drive.poses]
+    )
     goals: dict[int, Logged] = {}  # by index of their first pose
     last = 0
     for goal in drive.goals:

@@ -195,8 +195,8 @@ def measure_difficulty(folders: Sequence[Path]) -> PhysicalFinding:
     line = fit_line(predicted, measured)
 
     simulated_line = None
-    simulated_s_per_m = [world.simulated_s_per_m for world in difficulties]
-    x = np.array(simulated_s_per_m, np.float64)  # NaN for None
+    # NaN for None.
+    x = np.array([world.simulated_s_per_m for world in difficulties], np.float64)
     is_known = np.isfinite(x)
     if is_known.sum() >= FEWEST_WORLDS:
         simulated_line = fit_line(x[is_known], measured[is_known])

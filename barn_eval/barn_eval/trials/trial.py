@@ -389,9 +389,9 @@ def arrival_error_s(spec: TrialSpec, verdict: Verdict, trajectory: Trajectory) -
         return 0.0
     truth = trajectory.truth
     goal = spec.course.goal
-    drift_m = _ODOMETRY_DRIFT * side_lengths(truth).sum()
     left_m = np.hypot(truth[:, 0] - goal.x, truth[:, 1] - goal.y)
-    is_near = left_m <= spec.scaled_protocol.goal_distance_m + drift_m
+    left_m -= _ODOMETRY_DRIFT * side_lengths(truth).sum()
+    is_near = left_m <= spec.scaled_protocol.goal_distance_m
     return seconds(int(np.ptp(trajectory.stamps_ns[np.argmax(is_near) :])))
 
 

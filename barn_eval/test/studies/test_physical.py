@@ -107,8 +107,7 @@ def test_a_report_sets_measured_beside_simulated_trials(folders, tmp_path, succe
     assert "observed, not driven again" in page
     # Only the measured trials are ranked, drawn and listed.
     assert "5 trials of 1 planner" in page
-    headline = (tmp_path / "both_assets/headline.csv").read_text()
-    assert len(headline.splitlines()) == 2
+    assert len((tmp_path / "both_assets/headline.csv").read_text().splitlines()) == 2
 
 
 def test_trials_with_nothing_in_common_do_not_stand_side_by_side(folders, tmp_path):
@@ -129,9 +128,7 @@ def test_simulated_trials_alone_are_named_as_such(folders):
 
 def test_too_few_worlds_are_refused(folders, tmp_path, rejected):
     lab, sim = folders
-    bags = [sim / "bags" / "gap_w0050_r00"]
-    judge(bags, tmp_path / "few", LAB)
+    judge([sim / "bags" / "gap_w0050_r00"], tmp_path / "few", LAB)
     with pytest.raises(ConfigError, match="at least 4 are needed"):
         measure_difficulty([tmp_path / "few"])
-    message = rejected(f"reproduce {lab}", 2)
-    assert "--physical takes FOLDERS" in message
+    assert "--physical takes FOLDERS" in rejected(f"reproduce {lab}", 2)
