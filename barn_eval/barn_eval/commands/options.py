@@ -1,6 +1,7 @@
 """Options that several commands share, and how commands print."""
 
 import json
+import re
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -48,19 +49,19 @@ class NameType(click.types.StringParamType):
         param: click.Parameter,  # noqa: ARG002
         incomplete: str,
     ) -> list[CompletionItem]:
-        """Return completions of the last name in a comma-separated list, or files.
+        """Return completions of the last name in a list such as "a,b=c", or files.
 
         Args:
             ctx: Context of the call.
             param: Option or argument.
             incomplete: Beginning of its value.
         """
-        before, comma, start = incomplete.rpartition(",")
-        earlier_names = before.split(",")
+        *earlier_names, start = re.split("[,=]", incomplete)
+        before = incomplete.removesuffix(start)
         items = []
         for name in self._list_names():
             if name.startswith(start) and name not in earlier_names:
-                items.append(CompletionItem(before + comma + name))
+                items.append(CompletionItem(before + name))
         return items or [CompletionItem(incomplete, type="file")]
 
 

@@ -90,7 +90,7 @@ def complete(line, monkeypatch):
     [
         ("run --repe", ["--repetitions"]),
         ("run --planners eb", ["eband"]),
-        ("run --planners dwa,e", ["dwa,eband"]),
+        ("run --planners dwa,f=e", ["dwa,f=eband"]),
         ("run --protocol pap", ["paper2020"]),
         ("run --robot hus", ["husky"]),
         ("run --dataset barn3", ["barn300"]),
