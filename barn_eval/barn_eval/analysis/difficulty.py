@@ -2,14 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import groupby
 
 import numpy as np
 
 from barn_eval.analysis.entries import Entry
 from barn_eval.analysis.measures import MEASURES, SHOWN
 from barn_eval.analysis.summary import Summary, summarize
-from barn_eval.trials.result import Rows, TrialResult
+from barn_eval.results.row_table import column, join, take
+from barn_eval.trials.result import Rows
 
 TIME = MEASURES["normalised_time_s_per_m"]
 _MAX_BANDS = 4
@@ -47,11 +47,17 @@ class Band:
     """In the order of entries."""
 
 
-def results_by_world(results: Rows) -> dict[int, list[TrialResult]]:
+def results_by_world(results: Rows) -> dict[int, Rows]:
     """Return results by world number, with worlds and repetitions ascending."""
-    ordered = sorted(results, key=lambda result: (result.world, result.repetition))
-    groups = groupby(ordered, lambda result: result.world)
-    return {world: list(group) for world, group in groups}
+    worlds = column(results, "world")
+    order = np.lexsort((column(results, "repetition"), worlds))
+    numbers, starts = np.unique(worlds[order], return_index=True)
+    groups = {}
+    for world, positions in zip(
+        numbers.tolist(), np.split(order, starts[1:]), strict=True
+    ):
+        groups[world] = take(results, positions)
+    return groups
 
 
 def order_worlds(entries: Sequence[Entry]) -> WorldOrder:
@@ -105,9 +111,7 @@ def make_bands(entries: Sequence[Entry], order: WorldOrder) -> list[Band]:
         worlds = tuple(order.worlds[position] for position in part)
         summaries = []
         for entry, group in zip(entries, groups, strict=True):
-            results: list[TrialResult] = []
-            for world in worlds:
-                results += group.get(world, [])
+            results = join([group[world] for world in worlds if world in group])
             summaries.append(summarize(results, SHOWN["bands"], entry.label))
         bands.append(
             Band(

@@ -9,6 +9,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 from barn_eval.analysis.compare import (
     Comparison,
     adjust_by_holm,
@@ -43,6 +45,7 @@ from barn_eval.analysis.verdict import (
     conclude_results,
     rank_results,
 )
+from barn_eval.results.row_table import column, take
 from barn_eval.trials.protocol import PROTOCOLS
 from barn_eval.trials.ros_config import RosConfig
 from barn_eval.trials.spec import simulator_config
@@ -164,11 +167,10 @@ def conclude_bands(entries: Sequence[Entry], bands: Sequence[Band]) -> dict[str,
     rankings = {}
     for band in bands:
         # Bands consist of worlds, not trials, so all planners have the same ones.
-        worlds = set(band.worlds)
         results = {}
         for entry in entries:
-            rows = [row for row in entry.results if row.world in worlds]
-            results[entry.label] = rows
+            is_in_band = np.isin(column(entry.results, "world"), band.worlds)
+            results[entry.label] = take(entry.results, is_in_band)
         # A band may have no trial that all planners have.
         with suppress(ConfigError):
             rankings[band.name] = rank_results(results, measure)

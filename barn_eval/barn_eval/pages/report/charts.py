@@ -42,6 +42,7 @@ from barn_eval.pages.figures import (
     plain_text,
 )
 from barn_eval.pages.report.trials import DrivenTrial
+from barn_eval.results.row_table import column, join
 from barn_eval.running.setting_folders import LATENCY, format_setting_value
 from barn_eval.trials.result import Outcome
 from barn_metrics.bootstrap import Interval
@@ -124,7 +125,7 @@ class ChartData:
     @property
     def clearance_measure(self) -> Measure:
         """Clearance to moving obstacles if all trials have these, else to any."""
-        return clearance_measure([row for e in self.entries for row in e.results])
+        return clearance_measure(join([entry.results for entry in self.entries]))
 
 
 class Panels(NamedTuple):
@@ -289,7 +290,7 @@ def _label_measure(axes: Axes, x: str, measure: Measure) -> None:
 def _outcomes(data: ChartData, make_panels: MakePanels) -> Handles:
     """Draw outcomes, a strip per planner: worlds along x, repetitions along y."""
     worlds = data.order.worlds
-    column = {world: position for position, world in enumerate(worlds)}
+    places = {world: position for position, world in enumerate(worlds)}
     # A strip grows with its trials up to eight; more of them become thinner.
     groups = [results_by_world(entry.results) for entry in data.entries]
     heights = [max(map(len, group.values())) for group in groups]
@@ -301,15 +302,15 @@ def _outcomes(data: ChartData, make_panels: MakePanels) -> Handles:
         bars: dict[Outcome, list[Floats]] = {}
         tips: dict[Outcome, list[Tip]] = {}
         for world, results in group.items():
-            if world not in column:
+            if world not in places:
                 continue
-            outcomes = [result.outcome for result in results]
+            outcomes = column(results, "outcome").tolist()
             top = 0
             for outcome in OUTCOME_COLORS:
                 count = outcomes.count(outcome)
                 if not count:
                     continue
-                left = column[world] + 0.5
+                left = places[world] + 0.5
                 bar = [(left, top), (left + 1.0, top)]
                 top += count
                 bar += [(left + 1.0, top), (left, top)]
