@@ -25,7 +25,28 @@ Better = Literal["larger", "smaller", ""]
 
 def _numbers(rows: Rows, path: str) -> Floats:
     """Return the numbers in a dotted field of rows (n,); NaN for rows without one."""
+    if path in _COMPUTED:
+        return _COMPUTED[path](rows)
     return column(rows, path).astype(np.float64)  # type: ignore[no-any-return]
+
+
+def _path_ratios(rows: Rows) -> Floats:
+    """Return `path_ratio` of each row (n,), NaN where it is unknown."""
+    lengths_m = _numbers(rows, "scores.path_length_m")
+    return _numbers(rows, "measures.driven_m") / lengths_m
+
+
+def _waits_s(rows: Rows) -> Floats:
+    """Return `waited_s` of each row (n,)."""
+    traversal_times_s = _numbers(rows, "scores.traversal_time_s")
+    return _numbers(rows, "scores.duration_s") - np.nan_to_num(traversal_times_s)
+
+
+# Properties of rows, from columns: a table would have to make an object of each row.
+_COMPUTED: dict[str, Callable[[Rows], Floats]] = {
+    "path_ratio": _path_ratios,
+    "waited_s": _waits_s,
+}
 
 
 def _failure_s(rows: Rows) -> Floats:

@@ -23,6 +23,7 @@ from barn_eval.analysis.planners import assign_colors, spelling
 from barn_eval.analysis.summary import summarize, summarize_run
 from barn_eval.analysis.tables import summary_table, trials_table
 from barn_eval.analysis.text_table import count_noun
+from barn_eval.results.row_table import RowTable
 from barn_eval.results.rows import results_table, timing_table
 from barn_eval.trials.encounters import Encounters
 from barn_eval.trials.result import WallClock
@@ -50,6 +51,13 @@ def test_keys_are_columns_of_the_tables_and_values_are_theirs():
     assert {key: measure.value(moving_result) for key, measure in MEASURES.items()} == {
         key: columns[key] for key in MEASURES
     }
+
+
+def test_measures_of_a_table_are_those_of_its_rows():
+    rows = [moved(), result(3), replace(result(4), motion=None)]
+    table = RowTable.of(rows)
+    for measure in MEASURES.values():
+        np.testing.assert_array_equal(measure.values(table), measure.values(rows))
 
 
 def test_a_better_robot_is_faster_safer_and_smoother():
