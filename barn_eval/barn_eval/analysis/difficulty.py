@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from barn_eval.analysis.entries import Entry
-from barn_eval.analysis.measures import MEASURES, SHOWN
+from barn_eval.analysis.measures import MEASURES, SHOWN, Measure
 from barn_eval.analysis.summary import Summary, summarize
-from barn_eval.results.row_table import column, join, take
+from barn_eval.results.row_table import column, take
 from barn_eval.trials.result import Rows
 
 TIME = MEASURES["normalised_time_s_per_m"]
@@ -47,17 +47,19 @@ class Band:
     """In the order of entries."""
 
 
-def results_by_world(results: Rows) -> dict[int, Rows]:
-    """Return results by world number, with worlds and repetitions ascending."""
+def means_by_world(results: Rows, measure: Measure) -> dict[int, float]:
+    """Return the mean value of a measure by world number, NaN if a value is missing."""
     worlds = column(results, "world")
-    order = np.lexsort((column(results, "repetition"), worlds))
-    numbers, starts = np.unique(worlds[order], return_index=True)
-    groups = {}
-    for world, positions in zip(
-        numbers.tolist(), np.split(order, starts[1:]), strict=True
-    ):
-        groups[world] = take(results, positions)
-    return groups
+    values = measure.values(results)
+    means = {}
+    for world in np.unique(worlds).tolist():
+        means[world] = float(values[worlds == world].mean())
+    return means
+
+
+def rows_in_worlds(results: Rows, worlds: Sequence[int]) -> Rows:
+    """Return the results in worlds with these numbers, in their order."""
+    return take(results, np.isin(column(results, "world"), worlds))
 
 
 def order_worlds(entries: Sequence[Entry]) -> WorldOrder:
@@ -65,18 +67,15 @@ def order_worlds(entries: Sequence[Entry]) -> WorldOrder:
 
     Only worlds in which every entry has a trial count; if there are none, all count.
     """
-    groups = [results_by_world(entry.results) for entry in entries]
-    all_worlds = set().union(*groups)
+    means_s_per_m = [means_by_world(entry.results, TIME) for entry in entries]
+    all_worlds = set().union(*means_s_per_m)
     # A world that only a slow planner has driven would seem difficult.
-    shared_worlds = set.intersection(*map(set, groups)) or all_worlds
+    shared_worlds = set.intersection(*map(set, means_s_per_m)) or all_worlds
 
     order = []
     for world in shared_worlds:
-        means = []
-        for group in groups:
-            if world in group:
-                means.append(TIME.values(group[world]).mean())
         # A mean of planners: one with more repetitions must not weigh more.
+        means = [group[world] for group in means_s_per_m if world in group]
         order.append((float(np.mean(means)), world))
     order.sort()
 
@@ -102,7 +101,6 @@ def make_bands(entries: Sequence[Entry], order: WorldOrder) -> list[Band]:
     if count < 2:
         return []
 
-    groups = [results_by_world(entry.results) for entry in entries]
     middle_names = [f"{number} of {count}" for number in range(2, count)]
     names = ["easiest", *middle_names, "hardest"]
     positions = np.array_split(np.arange(len(order.worlds)), count)
@@ -110,8 +108,8 @@ def make_bands(entries: Sequence[Entry], order: WorldOrder) -> list[Band]:
     for name, part in zip(names, positions, strict=True):
         worlds = tuple(order.worlds[position] for position in part)
         summaries = []
-        for entry, group in zip(entries, groups, strict=True):
-            results = join([group[world] for world in worlds if world in group])
+        for entry in entries:
+            results = rows_in_worlds(entry.results, worlds)
             summaries.append(summarize(results, SHOWN["bands"], entry.label))
         bands.append(
             Band(

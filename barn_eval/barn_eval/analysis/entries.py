@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,7 +21,6 @@ from barn_eval.running.setting_folders import expand_sweeps, parse_folder_name
 from barn_eval.trials.result import (
     COMPUTE_MODE_LABELS,
     Rows,
-    TrialResult,
     describe_computer,
 )
 from barn_worlds.base.arrays import Bools
@@ -46,10 +45,6 @@ class Entry:
     def setting(self) -> dict[str, float | str]:
         """Swept parameter values from the folder's name; empty for other folders."""
         return parse_folder_name(self.source.path)
-
-    def where(self, holds: Callable[[TrialResult], bool]) -> "Entry":
-        """Return a copy of the entry with the results for which `holds` is true."""
-        return self.select(np.array([holds(row) for row in self.results], np.bool_))
 
     def select(self, mask: Bools) -> "Entry":
         """Return a copy of the entry with the results where a mask (n,) is true."""

@@ -9,15 +9,13 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-import numpy as np
-
 from barn_eval.analysis.compare import (
     Comparison,
     adjust_by_holm,
     compare,
     describe_parameter_changes,
 )
-from barn_eval.analysis.difficulty import Band, WorldOrder, make_bands
+from barn_eval.analysis.difficulty import Band, WorldOrder, make_bands, rows_in_worlds
 from barn_eval.analysis.entries import Entry
 from barn_eval.analysis.measures import (
     COMPARED,
@@ -45,7 +43,6 @@ from barn_eval.analysis.verdict import (
     conclude_results,
     rank_results,
 )
-from barn_eval.results.row_table import column, take
 from barn_eval.trials.protocol import PROTOCOLS
 from barn_eval.trials.ros_config import RosConfig
 from barn_eval.trials.spec import simulator_config
@@ -169,8 +166,7 @@ def conclude_bands(entries: Sequence[Entry], bands: Sequence[Band]) -> dict[str,
         # Bands consist of worlds, not trials, so all planners have the same ones.
         results = {}
         for entry in entries:
-            is_in_band = np.isin(column(entry.results, "world"), band.worlds)
-            results[entry.label] = take(entry.results, is_in_band)
+            results[entry.label] = rows_in_worlds(entry.results, band.worlds)
         # A band may have no trial that all planners have.
         with suppress(ConfigError):
             rankings[band.name] = rank_results(results, measure)

@@ -12,7 +12,7 @@ import numpy as np
 
 from barn_eval.results.bags import BAGS
 from barn_eval.results.commands import parse_commands_line
-from barn_eval.results.folder import REPLAYS, read_results, select_scored
+from barn_eval.results.folder import read_results, select_scored
 from barn_eval.results.row_table import RowTable, column, take
 from barn_eval.results.rows import COMMANDS_FILE, TRACKS_FILE, TrialLines
 from barn_eval.results.run_file import RunFile
@@ -140,11 +140,6 @@ class Source:
     def outline(self) -> Footprint:
         """Footprint [m] in base_link of the robot's parts that can touch obstacles."""
         return contact_footprint(self.chassis)
-
-    @cached_property
-    def has_replays(self) -> bool:
-        """Whether the folder has one for drawn replays, which may be empty."""
-        return (self.path / REPLAYS).is_dir()
 
     def bag(self, trial_id: str) -> Path:
         """Return the path FOLDER/bags/TRIAL_ID, which need not exist."""

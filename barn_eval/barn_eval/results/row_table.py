@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.json
 
 from barn_eval.trials.result import READABLE_SCHEMAS, Outcome, Rows, TrialResult
-from barn_worlds.base.arrays import AnyArray, Bools, Integers
+from barn_worlds.base.arrays import Bools, Integers
 from barn_worlds.base.config import as_dict
 
 # Number of rows that are in memory as objects while a table is read or iterated over.
@@ -85,24 +85,17 @@ class RowTable(Sequence[TrialResult]):
 
     __hash__ = None  # type: ignore[assignment]  # as of a list
 
-    def __init__(
-        self,
-        table: pa.Table,
-        positions: Integers | None = None,
-        arrays: dict[str, AnyArray] | None = None,
-    ) -> None:
+    def __init__(self, table: pa.Table, positions: Integers | None = None) -> None:
         """Refer to the table's rows at `positions`, all if None; nothing is copied.
 
         Args:
             table: Columns by dotted name, such as "scores.success".
             positions: Indices (n,) of the rows in the table. By default, all.
-            arrays: Columns as arrays so far, shared by all parts of the table.
         """
         self._table = table
         if positions is None:
             positions = np.arange(table.num_rows)
         self._positions = positions
-        self._arrays = {} if arrays is None else arrays
 
     @classmethod
     def of(cls, rows: Iterable[TrialResult]) -> "RowTable":
@@ -120,7 +113,7 @@ class RowTable(Sequence[TrialResult]):
         # Rows of one table are not copied.
         if len(parts) == 1:
             positions = np.concatenate([rows._positions for rows in tables])
-            return cls(tables[0]._table, positions, tables[0]._arrays)
+            return cls(tables[0]._table, positions)
         copies = [rows._select(rows._positions) for rows in tables]
         copies = copies or [_flatten(_SCHEMA.empty_table())]
         return cls(pa.concat_tables(copies).unify_dictionaries())
@@ -133,7 +126,7 @@ class RowTable(Sequence[TrialResult]):
         """Return the row at an index, or the rows of a slice as a table."""
         positions = self._positions[index]
         if isinstance(index, slice):
-            return RowTable(self._table, positions, self._arrays)
+            return RowTable(self._table, positions)
         return _make_rows(self._table.slice(positions, 1))[0]
 
     def __iter__(self) -> Iterator[TrialResult]:
@@ -156,7 +149,7 @@ class RowTable(Sequence[TrialResult]):
 
     def take(self, positions: Integers | Bools) -> "RowTable":
         """Return the rows at these indices, or where a mask is true, in that order."""
-        return RowTable(self._table, self._positions[positions], self._arrays)
+        return RowTable(self._table, self._positions[positions])
 
     def has(self, path: str) -> bool:
         """Tell whether the table has a column with this dotted name."""
@@ -164,9 +157,7 @@ class RowTable(Sequence[TrialResult]):
 
     def column(self, path: str) -> Any:
         """Return a column as an array (n,), NaN or None for missing values."""
-        if path not in self._arrays:
-            self._arrays[path] = _as_array(self._table[path])
-        return self._arrays[path][self._positions]
+        return _as_array(self._table[path])[self._positions]
 
 
 def column(rows: Rows, path: str) -> Any:

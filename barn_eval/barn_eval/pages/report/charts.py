@@ -15,7 +15,11 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
 from barn_eval.analysis.compare import PairedMeasure
-from barn_eval.analysis.difficulty import TIME, WorldOrder, results_by_world
+from barn_eval.analysis.difficulty import (
+    TIME,
+    WorldOrder,
+    means_by_world,
+)
 from barn_eval.analysis.entries import Entry
 from barn_eval.analysis.leaderboard import sweep_parameters
 from barn_eval.analysis.measures import (
@@ -44,7 +48,7 @@ from barn_eval.pages.figures import (
 from barn_eval.pages.report.trials import DrivenTrial
 from barn_eval.results.row_table import column, join
 from barn_eval.running.setting_folders import LATENCY, format_setting_value
-from barn_eval.trials.result import Outcome
+from barn_eval.trials.result import Outcome, Rows
 from barn_metrics.bootstrap import Interval
 from barn_worlds.base.arrays import Floats
 from barn_worlds.drawing.palette import BROKEN, INK
@@ -208,12 +212,12 @@ def _worlds(data: ChartData, make_panels: MakePanels) -> Handles:
     handles: list[Any] = []
     lines = zip(data.entries, data.looks, data.dashes, strict=True)
     for number, (entry, look, dashes) in enumerate(lines):
-        results = results_by_world(entry.results)
+        group = means_by_world(entry.results, TIME)
         means: Floats = np.full(len(worlds), np.nan)
         tips: list[Tip] = []
         for place, world in enumerate(worlds):
-            if world in results:
-                mean = TIME.values(results[world]).mean()
+            if world in group:
+                mean = group[world]
                 means[place] = mean
                 text = f"{entry.label}, world {world}: {mean:.2f} s/m"
                 tips.append((text, number, world))
@@ -286,13 +290,23 @@ def _label_measure(axes: Axes, x: str, measure: Measure) -> None:
     axes.set_ylim(0, 104 if measure.percent else None)
 
 
+def _outcomes_by_world(results: Rows) -> dict[int, list[str]]:
+    """Return the outcomes of trials by world number, worlds ascending."""
+    worlds = column(results, "world")
+    outcomes = column(results, "outcome")
+    return {
+        world: outcomes[worlds == world].tolist()
+        for world in np.unique(worlds).tolist()
+    }
+
+
 @chart("Outcome of every trial in every world")
 def _outcomes(data: ChartData, make_panels: MakePanels) -> Handles:
     """Draw outcomes, a strip per planner: worlds along x, repetitions along y."""
     worlds = data.order.worlds
     places = {world: position for position, world in enumerate(worlds)}
     # A strip grows with its trials up to eight; more of them become thinner.
-    groups = [results_by_world(entry.results) for entry in data.entries]
+    groups = [_outcomes_by_world(entry.results) for entry in data.entries]
     heights = [max(map(len, group.values())) for group in groups]
     heights_in = [0.28 + min(0.15 * height, 1.2) for height in heights]
     panels = make_panels(Panels(1.4 + sum(heights_in), rows=len(heights), sharex=True))
@@ -301,10 +315,9 @@ def _outcomes(data: ChartData, make_panels: MakePanels) -> Handles:
         # Bars by outcome, each of the trials of one world that ended in it.
         bars: dict[Outcome, list[Floats]] = {}
         tips: dict[Outcome, list[Tip]] = {}
-        for world, results in group.items():
+        for world, outcomes in group.items():
             if world not in places:
                 continue
-            outcomes = column(results, "outcome").tolist()
             top = 0
             for outcome in OUTCOME_COLORS:
                 count = outcomes.count(outcome)
@@ -315,7 +328,7 @@ def _outcomes(data: ChartData, make_panels: MakePanels) -> Handles:
                 top += count
                 bar += [(left + 1.0, top), (left, top)]
                 bars.setdefault(outcome, []).append(np.array(bar))
-                text = f"world {world}: {count} of {len(results)} {outcome.words}"
+                text = f"world {world}: {count} of {len(outcomes)} {outcome.words}"
                 tip = (text, number, world, outcome.value)
                 tips.setdefault(outcome, []).append(tip)
         for outcome, corners in bars.items():

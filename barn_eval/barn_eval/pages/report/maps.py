@@ -11,7 +11,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from barn_eval.analysis.difficulty import WorldOrder, results_by_world
+from barn_eval.analysis.difficulty import WorldOrder, means_by_world
 from barn_eval.analysis.entries import Entry, read_entries
 from barn_eval.analysis.measures import ranking_measure
 from barn_eval.analysis.text_table import count_noun
@@ -23,6 +23,7 @@ from barn_eval.pages.report.trials import (
     make_scene_if_known,
     read_trials,
 )
+from barn_eval.results.row_table import column
 from barn_eval.results.tracks import CHANNELS
 from barn_eval.trials.result import Outcome
 from barn_worlds.base.arrays import Floats
@@ -61,14 +62,12 @@ def order_by_contrast(entries: Sequence[Entry], order: WorldOrder) -> list[int]:
 
     They differ by the measure that ranks; of equal ones the harder world comes first.
     """
-    groups = [results_by_world(entry.results) for entry in entries]
     measure = ranking_measure(entries[0].results)
+    groups = [means_by_world(entry.results, measure) for entry in entries]
 
     def contrast(world: int) -> float:
         """Return the difference of the best and the worst planner in a world."""
-        means = [
-            measure.values(group[world]).mean() for group in groups if world in group
-        ]
+        means = [group[world] for group in groups if world in group]
         return float(np.nan_to_num(np.ptp(means)))
 
     # Of equal worlds the first stays first.
@@ -413,13 +412,10 @@ def select_trials(
     selection = []
     for entry in entries:
         if not planners or entry.planner in planners:
-            selection.append(
-                entry.where(
-                    lambda row: (
-                        row.world == world and outcome in ("", row.outcome.value)
-                    )
-                )
-            )
+            is_selected = column(entry.results, "world") == world
+            if outcome:
+                is_selected &= column(entry.results, "outcome") == outcome
+            selection.append(entry.select(is_selected))
 
     all_trials, worlds = read_trials(selection)
     trials = [trial for trial in all_trials if trial.track is not None]

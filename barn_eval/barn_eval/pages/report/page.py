@@ -336,8 +336,6 @@ def replay_links(
     links = {}
     for trial in report.trials:
         source = trial.entry.source
-        if replays is None and not source.has_replays:
-            continue
         trial_id = trial.result.trial_id
         bag = source.bag(trial_id)
         page = source.path / REPLAYS / f"{trial_id}.html"
