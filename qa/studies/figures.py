@@ -54,7 +54,7 @@ ELSEWHERE = {
 }
 
 
-def draw_all(docs: Path, dataset: str = "barn300") -> list[Path]:
+def draw_all(docs: Path) -> list[Path]:
     """Draw all figures that need no trials into docs/figures and return them.
 
     Raises:
@@ -63,7 +63,7 @@ def draw_all(docs: Path, dataset: str = "barn300") -> list[Path]:
     folder = docs / "figures"
     before = {path: path.stat().st_mtime_ns for path in folder.glob("*")}
     write_figures(read_results(docs)[0], folder)
-    draw_documentation_figures(folder, open_dataset(dataset))
+    draw_documentation_figures(folder, open_dataset("barn300"))
     with style():
         write_figure(
             scatter(read_trials(docs / "carry_over.csv")), folder / "carry_over.png"
@@ -82,14 +82,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "docs", type=Path, help="the folder with results.json, such as docs"
     )
-    parser.add_argument(
-        "--dataset",
-        default="barn300",
-        help="a shipped data set, file or folder (default: barn300)",
-    )
     options = parser.parse_args(arguments)
     try:
-        print(*draw_all(options.docs, options.dataset), sep="\n")
+        print(*draw_all(options.docs), sep="\n")
     except BarnError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
