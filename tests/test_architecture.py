@@ -124,8 +124,18 @@ def test_only_nodes_and_launch_files_know_ros():
 # The rooms of barn_eval, folders and files at its root, from the lowest to the highest;
 # each imports only those below.
 ROOMS = (
-    *("trials", "results", "running", "verification", "ros"),
-    *("analysis", "pages", "learning", "studies", "api", "gym", "commands"),
+    "trials",
+    "results",
+    "running",
+    "verification",
+    "ros",
+    "analysis",
+    "pages",
+    "learning",
+    "studies",
+    "api",
+    "gym",
+    "commands",
 )
 # `barn.results` is the room of folders, and offers Python users what reads them.
 FORWARDED = "barn_eval/results/__init__.py barn_eval.api.results"
@@ -153,8 +163,17 @@ def test_rooms_import_only_rooms_below_them():
 
 # The parts of barn_sim, likewise.
 SIMULATOR_PARTS = (
-    *("config", "seeds", "body", "contact", "sensors", "motion", "simulator"),
-    *("batch", "messages", "drawing", "ros"),
+    "config",
+    "seeds",
+    "body",
+    "contact",
+    "sensors",
+    "motion",
+    "simulator",
+    "batch",
+    "messages",
+    "drawing",
+    "ros",
 )
 
 

@@ -23,8 +23,6 @@ from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.drawing.files import write_png
 from barn_worlds.drawing.worlds import world_figure
 
-MOVING = "dynabarn60"
-MOVING_WORLD = 5
 # What draws the others.
 ELSEWHERE = {
     "trial.gif": "make animation",
@@ -68,9 +66,7 @@ def draw_all(docs: Path) -> list[Path]:
         write_figure(
             scatter(read_trials(docs / "carry_over.csv")), folder / "carry_over.png"
         )
-    write_png(
-        world_figure(open_dataset(MOVING).load(MOVING_WORLD)), folder / "dynabarn.png"
-    )
+    write_png(world_figure(open_dataset("dynabarn60").load(5)), folder / "dynabarn.png")
     return sorted(
         path for path in folder.glob("*") if before.get(path) != path.stat().st_mtime_ns
     )

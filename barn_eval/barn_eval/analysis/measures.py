@@ -9,13 +9,13 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from barn_eval.results.row_table import column, has_motion
 from barn_eval.trials.protocol import CHALLENGE
-from barn_eval.trials.result import Rows, TrialResult
+from barn_eval.trials.result import Rows
 from barn_metrics.bootstrap import Interval, number
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import ConfigError, suggest
@@ -25,28 +25,7 @@ Better = Literal["larger", "smaller", ""]
 
 def _numbers(rows: Rows, path: str) -> Floats:
     """Return the numbers in a dotted field of rows (n,); NaN for rows without one."""
-    if path in _COMPUTED:
-        return _COMPUTED[path](rows)
     return column(rows, path).astype(np.float64)  # type: ignore[no-any-return]
-
-
-def _path_ratios(rows: Rows) -> Floats:
-    """Return `path_ratio` of each row (n,), NaN where it is unknown."""
-    lengths_m = _numbers(rows, "scores.path_length_m")
-    return _numbers(rows, "measures.driven_m") / lengths_m
-
-
-def _waits_s(rows: Rows) -> Floats:
-    """Return `waited_s` of each row (n,)."""
-    traversal_times_s = _numbers(rows, "scores.traversal_time_s")
-    return _numbers(rows, "scores.duration_s") - np.nan_to_num(traversal_times_s)
-
-
-# Properties of rows, from columns: a table would have to make an object of each row.
-_COMPUTED: dict[str, Callable[[Rows], Floats]] = {
-    "path_ratio": _path_ratios,
-    "waited_s": _waits_s,
-}
 
 
 def _failure_s(rows: Rows) -> Floats:
@@ -103,14 +82,9 @@ class Measure:
         """Last part of `path`: key of `MEASURES` and column of tables."""
         return self.path.rpartition(".")[2]
 
-    def value(self, result: TrialResult) -> float | None:
-        """Return a trial's raw figure, also of a failed trial; None if it has none."""
-        field: Any = result
-        # Only trials among moving obstacles have `motion`, and old rows lack fields.
-        for name in self.path.split("."):
-            field = getattr(field, name, None)
-        value: float | None = field
-        return value
+    def raw_values(self, results: Rows) -> Floats:
+        """Return each trial's figure (n,), also of failed trials; NaN if it has none."""
+        return _numbers(results, self.path)
 
     @property
     def as_failure(self) -> Callable[[Rows], Floats] | None:
@@ -142,7 +116,7 @@ class Measure:
 
         Failed trials do not count for measures of successes only.
         """
-        values = _numbers(results, self.path)
+        values = self.raw_values(results)
         if not self.successes_only:
             return values
         # Otherwise a collision after two seconds would count as a quick trial.
@@ -164,7 +138,7 @@ class Measure:
         return self.in_heading_unit(interval).text(self.digits)
 
     def number(self, value: float | None) -> str:
-        """Return a value as text in the heading's unit, without the unit; "-" for None."""
+        """Return a value as text in the heading's unit, without the unit; "-" for none."""
         if self.percent and value is not None:
             value = 100.0 * value
         return number(value, self.digits)

@@ -27,6 +27,7 @@ from barn_eval.analysis.text_table import (
     one_line,
 )
 from barn_eval.analysis.verdict import warn_of_few_worlds
+from barn_eval.results.row_table import column
 from barn_eval.trials.result import Outcome, Rows
 from barn_metrics.bootstrap import number
 
@@ -48,14 +49,14 @@ def trials_table(results: Rows, title: str) -> TextTable:
         results: Results of any planners.
         title: Title of the table.
     """
-    measures = [MEASURES[key] for key in SHOWN["trials"]]
-    rows = []
-    for result in results:
-        cells = [measure.number(measure.value(result)) for measure in measures]
-        rows.append((result.trial_id, result.outcome.value, *cells))
-    headings = [measure.trial_heading for measure in measures]
-    columns = ("trial", "outcome", *headings)
-    return TextTable("trials", title, columns, tuple(rows), texts=2)
+    headings = ["trial", "outcome"]
+    cells = [column(results, "trial_id"), column(results, "outcome")]
+    for key in SHOWN["trials"]:
+        measure = MEASURES[key]
+        headings.append(measure.trial_heading)
+        cells.append(list(map(measure.number, measure.raw_values(results).tolist())))
+    rows = tuple(zip(*cells, strict=True))
+    return TextTable("trials", title, tuple(headings), rows, texts=2)
 
 
 def ranked_table(run: RunSummary) -> TextTable:

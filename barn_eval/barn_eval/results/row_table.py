@@ -165,8 +165,16 @@ def column(rows: Rows, path: str) -> Any:
 
     Args:
         rows: Any rows. A table returns its column without making row objects.
-        path: Dotted name of a field or property, such as "scores.success".
+        path: Dotted name of a field or property, such as "scores.success". Two are
+            computed: "path_ratio", length driven over that of the world's path, and
+            "waited_s", simulated time before the clock started, all if it never did.
     """
+    if path == "path_ratio":
+        lengths_m = column(rows, "scores.path_length_m").astype(np.float64)
+        return column(rows, "measures.driven_m") / lengths_m
+    if path == "waited_s":
+        clock_s = np.nan_to_num(column(rows, "scores.traversal_time_s"))
+        return column(rows, "scores.duration_s") - clock_s
     if isinstance(rows, RowTable) and rows.has(path):
         return rows.column(path)
     values = []

@@ -19,6 +19,7 @@ import pyarrow.parquet
 from barn_eval.results.row_table import (
     BATCH_ROWS,
     RowTable,
+    column,
     has_motion,
     parse_rows,
     record_fields,
@@ -318,7 +319,7 @@ def results_table(results: Rows) -> pa.Table:
 
 def _row_content(result: TrialResult) -> dict[str, Any]:
     """Return a row as a flat dict of columns, which may be more than a table has."""
-    row: dict[str, Any] = {"waited_s": result.waited_s}
+    row: dict[str, Any] = {"waited_s": column([result], "waited_s")[0]}
     for name, value in result.repeatable().items():
         row |= value if isinstance(value, dict) else {name: value}
     if result.motion is not None:

@@ -384,17 +384,6 @@ class TrialResult:
         """
         return self.fault not in (SIMULATOR, ENVIRONMENT)
 
-    @property
-    def path_ratio(self) -> float | None:
-        """Length driven over the length of the world's path, None if unknown."""
-        length_m = self.scores.path_length_m
-        return None if length_m is None else self.measures.driven_m / length_m
-
-    @property
-    def waited_s(self) -> float:
-        """Simulated time before the clock started; all of the trial if it never did."""
-        return self.scores.duration_s - (self.scores.traversal_time_s or 0.0)
-
     def repeatable(self) -> dict[str, Any]:
         """Return the row as nested plain data that a rerun repeats: no `wall_clock`."""
         content = as_dict(self)

@@ -31,7 +31,13 @@ ROWS = [
     replace(result(5), wall_clock=WallClock(1.0, None, 0.5, missed_share=0.1)),
 ]
 PATHS = ("trial_id", "world", "outcome", "scores.success", "scores.challenge")
-PATHS += ("motion.phase_s", "recoveries", "path_ratio", "wall_clock.missed_share")
+PATHS += (
+    "motion.phase_s",
+    "recoveries",
+    "path_ratio",
+    "waited_s",
+    "wall_clock.missed_share",
+)
 
 
 def test_rows_come_back_from_columns_as_from_their_lines():

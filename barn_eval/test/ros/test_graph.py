@@ -58,11 +58,11 @@ def endpoint(topic, process, node):
 
 def ordinary():
     return [
-        *(
-            endpoint(f"/{name}", SIMULATOR, "/simulator")
-            for name in ("clock", "odom", "scan")
-        ),
-        *(endpoint(f"/{name}", PLANNER, "/planner") for name in ("cmd_vel", "tf")),
+        endpoint("/clock", SIMULATOR, "/simulator"),
+        endpoint("/odom", SIMULATOR, "/simulator"),
+        endpoint("/scan", SIMULATOR, "/simulator"),
+        endpoint("/cmd_vel", PLANNER, "/planner"),
+        endpoint("/tf", PLANNER, "/planner"),
     ]
 
 

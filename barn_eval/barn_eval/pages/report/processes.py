@@ -1,6 +1,5 @@
 """Compute and draw the parts of a report in parallel processes."""
 
-import gc
 import itertools
 import os
 import signal
@@ -45,8 +44,6 @@ def run_forked(jobs: Sequence[Callable[[], Any]], progress: Progress) -> list[An
         initializer=_initialize_fork,
         initargs=(jobs,),
     )
-    # A garbage collection in a fork would copy all memory that it inherits.
-    gc.freeze()
     try:
         # Only a number crosses to the fork, which has the job already.
         futures = [pool.submit(_run_job, position) for position in range(len(jobs))]
@@ -62,7 +59,6 @@ def run_forked(jobs: Sequence[Callable[[], Any]], progress: Progress) -> list[An
         ) from None
     finally:
         pool.shutdown(cancel_futures=True)
-        gc.unfreeze()
 
 
 def _initialize_fork(jobs: Sequence[Callable[[], Any]]) -> None:

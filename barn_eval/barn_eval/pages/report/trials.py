@@ -1,5 +1,6 @@
 """The trials of a report with their tracks and worlds, and the data of its script."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -227,8 +228,12 @@ def page_data(
     for result in results:
         worlds.setdefault(result.world_checksum, result.world_name)
     places = {checksum: place for place, checksum in enumerate(worlds)}
+    figures = []
+    for key in measure_keys:
+        parts = [MEASURES[key].raw_values(entry.results) for entry in entries]
+        figures.append(np.concatenate(parts))
     rows = []
-    for trial in trials:
+    for trial, values in zip(trials, np.stack(figures, axis=1).tolist(), strict=True):
         result = trial.result
         row: list[Any] = [
             result.trial_id,
@@ -239,10 +244,9 @@ def page_data(
             result.repetition + 1,
             result.outcome.value,
         ]
-        for key in measure_keys:
-            value = MEASURES[key].value(result)
+        for value in values:
             # More digits than any column shows would only make the page larger.
-            row.append(None if value is None else round(value, 4))
+            row.append(None if math.isnan(value) else round(value, 4))
         rows.append(row)
     data = {
         # Name, title, unit and digits, which a text has none of.
