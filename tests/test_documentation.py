@@ -65,7 +65,7 @@ CAMPAIGNS = (DOCS / "campaigns.md").read_text("utf-8")
 def test_one_command_draws_all_figures_but_those_it_names(tmp_path, capsys):
     for name in ("results.json", "results_origin.json", "carry_over.csv"):
         shutil.copy(DOCS / name, tmp_path)
-    assert tool.main([str(tmp_path), "--dataset", "barn_test"]) == 0
+    assert tool.main([str(tmp_path)]) == 0
     figures = {path.name for path in (tmp_path / "figures").iterdir()}
     output = capsys.readouterr().out
     folder = tmp_path / "figures"

@@ -30,8 +30,12 @@ ROWS = [
     replace(result(4), scores=replace(FIRST.scores, challenge=None)),
     replace(result(5), wall_clock=WallClock(1.0, None, 0.5, missed_share=0.1)),
 ]
-PATHS = ("trial_id", "world", "outcome", "scores.success", "scores.challenge")
-PATHS += (
+PATHS = (
+    "trial_id",
+    "world",
+    "outcome",
+    "scores.success",
+    "scores.challenge",
     "motion.phase_s",
     "recoveries",
     "path_ratio",
