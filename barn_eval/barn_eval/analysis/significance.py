@@ -199,7 +199,7 @@ def proportion(successes: Integers, worlds: Integers) -> Interval:
     middle = (p + z * z / (2.0 * effective)) / scale
     variance = p * (1.0 - p) / effective + (z / (2.0 * effective)) ** 2
     half = z * math.sqrt(variance) / scale
-    interval = Interval(p, max(0.0, middle - half), min(1.0, middle + half))
+    interval = Interval(p, max(0.0, min(p, middle - half)), min(1.0, middle + half))
     # Near 1, Wilson's covers too little; Clopper and Pearson's never does.
     if p > _HIGH_SHARE:
         low, high = share_of(1 - successes, worlds).limits

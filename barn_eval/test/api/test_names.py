@@ -113,6 +113,7 @@ def test_every_command_has_its_function():
 
 @pytest.mark.timeout(900)
 def test_a_users_script_passes_mypy_and_a_wrong_one_fails(tmp_path):
+    pytest.importorskip("mypy")
     for name, text in (("right.py", SCRIPT), ("wrong.py", WRONG)):
         (tmp_path / name).write_text(text)
     # of the last time: most of the work is the suite itself
