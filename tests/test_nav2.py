@@ -28,7 +28,7 @@ from barn_worlds.robots.files import ROBOTS
 from barn_worlds.ros.domain import reserve_domain
 
 FOLDER = EXAMPLES / "nav2"
-check_parameters = runpy.run_path(str(FOLDER / "check_parameters.py"))["main"]
+check_parameters = runpy.run_path(FOLDER / "check_parameters.py")["main"]
 CONTROLLERS = ("dwb", "graceful", "mppi", "rpp")
 # of the paper
 SPEED_MPS = 0.5
@@ -300,6 +300,7 @@ def test_the_check_against_the_source_finds_what_is_misspelt(tmp_path, capsys):
     source = tmp_path / "navigation2"
     other = tmp_path / "other"
     mine = tmp_path / "mine.yaml"
+    arguments = [str(source), str(other), str(mine)]
     for place, read in (
         (source / "nav2_controller", "controller_frequency"),
         (other, "prefix.gain"),
@@ -313,9 +314,9 @@ def test_the_check_against_the_source_finds_what_is_misspelt(tmp_path, capsys):
     text = "controller_server: {ros__parameters: {%s: 20.0, a: {plugin: 'nav2_controller::%s'}, b: {%s}}}"
     plugin = "plugin: 'other::Checker', gain: 1.0, %s: 2.0"
     mine.write_text(text % ("controller_frequency", "Checker", plugin % "use_sim_time"))
-    assert check_parameters([str(source), str(other), str(mine)]) == 0
+    assert check_parameters(arguments) == 0
     mine.write_text(text % ("controler_frequency", "Chequer", plugin % "gian"))
-    assert check_parameters([str(source), str(other), str(mine)]) == 1
+    assert check_parameters(arguments) == 1
     output = capsys.readouterr().out
     assert "controler_frequency is not read by nav2_controller" in output
     assert "b.gian is not read by other" in output
@@ -325,7 +326,7 @@ def test_the_check_against_the_source_finds_what_is_misspelt(tmp_path, capsys):
     )
     expected = tmp_path / "expected.txt"
     failures = [line for line in output.splitlines() if line.startswith("mine.yaml")]
-    arguments = [str(source), str(other), str(mine), str(expected)]
+    arguments.append(str(expected))
     for lines, code in ((failures, 0), (failures[1:], 1), ([*failures, "x"], 1)):
         expected.write_text("\n".join(lines))
         assert check_parameters(arguments) == code
