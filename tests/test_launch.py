@@ -125,8 +125,8 @@ def test_a_node_without_the_libraries_is_refused_in_one_line(shebang, tmp_path):
 def test_a_build_without_the_libraries_is_refused_in_one_line(package):
     script = "import sys; sys.modules['cattrs'] = None; exec(open('setup.py').read())"
     words = [sys.executable, "-c", script, "install"]
-    options = {"capture_output": True, "cwd": ROOT / package, "env": {}}
-    done = subprocess.run(words, check=False, **options)
+    place = ROOT / package
+    done = subprocess.run(words, check=False, capture_output=True, cwd=place, env={})
     (line,) = done.stderr.splitlines()
     assert done.returncode == 1 and b"activate their environment" in line
 

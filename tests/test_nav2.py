@@ -326,7 +326,7 @@ def test_the_check_against_the_source_finds_what_is_misspelt(tmp_path, capsys):
     )
     expected = tmp_path / "expected.txt"
     failures = [line for line in output.splitlines() if line.startswith("mine.yaml")]
-    arguments.append(str(expected))
+    arguments += [str(expected)]
     for lines, code in ((failures, 0), (failures[1:], 1), ([*failures, "x"], 1)):
         expected.write_text("\n".join(lines))
         assert check_parameters(arguments) == code
