@@ -170,11 +170,10 @@ def column(rows: Rows, path: str) -> Any:
             "waited_s", simulated time before the clock started, all if it never did.
     """
     if path == "path_ratio":
-        lengths_m = column(rows, "scores.path_length_m").astype(np.float64)
-        return column(rows, "measures.driven_m") / lengths_m
+        return column(rows, "measures.driven_m") / column(rows, "scores.path_length_m")
     if path == "waited_s":
-        clock_s = np.nan_to_num(column(rows, "scores.traversal_time_s"))
-        return column(rows, "scores.duration_s") - clock_s
+        clock_times_s = column(rows, "scores.traversal_time_s")
+        return column(rows, "scores.duration_s") - np.nan_to_num(clock_times_s)
     if isinstance(rows, RowTable) and rows.has(path):
         return rows.column(path)
     values = []

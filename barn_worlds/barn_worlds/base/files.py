@@ -480,11 +480,10 @@ def _check(content: PlainData, *, numbers: bool = True) -> None:
     for _ in range(DEEPEST):
         next_level: list[Any] = []
         for value in level:
-            # Most values are numbers, and most numbers are small.
-            if isinstance(value, (int, float)):
-                if numbers and not abs(value) <= _LARGEST_INTEGER:
-                    _check_large_number(value)
-            elif isinstance(value, dict):
+            # Most values are small numbers.
+            if isinstance(value, (int, float)) and abs(value) <= _LARGEST_INTEGER:
+                continue
+            if isinstance(value, dict):
                 next_level += value
                 next_level += value.values()
             elif isinstance(value, (list, tuple, set)):
@@ -492,18 +491,16 @@ def _check(content: PlainData, *, numbers: bool = True) -> None:
             elif isinstance(value, str):
                 # Raises UnicodeEncodeError for lone surrogates, which no file can hold.
                 value.encode()
+            elif numbers and isinstance(value, int):
+                raise ValueError(
+                    f"integers must fit in 64 bits, got {format_value(value)}"
+                )
+            elif numbers and isinstance(value, float) and not math.isfinite(value):
+                raise ValueError(f"numbers must be finite, got {value}")
         if not next_level:
             return
         level = next_level
     raise ValueError(f"nested more than {DEEPEST} deep")
-
-
-def _check_large_number(value: float) -> None:
-    """Raise ValueError for an integer beyond 64 bits, infinity or NaN."""
-    if isinstance(value, int):
-        raise ValueError(f"integers must fit in 64 bits, got {format_value(value)}")
-    if not math.isfinite(value):
-        raise ValueError(f"numbers must be finite, got {value}")
 
 
 def _check_events(text: str | bytes) -> None:
