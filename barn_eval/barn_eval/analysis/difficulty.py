@@ -51,10 +51,10 @@ def means_by_world(results: Rows, measure: Measure) -> dict[int, float]:
     """Return the mean value of a measure by world number, NaN if a value is missing."""
     worlds = column(results, "world")
     values = measure.values(results)
-    means = {}
-    for world in np.unique(worlds).tolist():
-        means[world] = float(values[worlds == world].mean())
-    return means
+    return {
+        world: float(values[worlds == world].mean())
+        for world in np.unique(worlds).tolist()
+    }
 
 
 def rows_in_worlds(results: Rows, worlds: Sequence[int]) -> Rows:
