@@ -24,6 +24,7 @@ from barn_worlds.base.errors import (
     convert_os_errors,
     format_error,
     join_names,
+    suggest,
 )
 from barn_worlds.base.files import read_at_most
 from barn_worlds.geometry.transform import Transform, rotation_matrix
@@ -32,7 +33,8 @@ LARGEST_URDF_BYTES = 1024 * 1024
 _MOST_LINKS = 1000
 _XACRO_S = 20.0
 _XACRO_BYTES = 1 << 30  # of memory
-_LARGEST_SHIFT_M = 0.001  # between a wheel and the mirror image of its partner
+_LARGEST_SHIFT_M = 0.002  # between a wheel and the mirror image of its partner
+_ALONG = 0.99  # least cosine between an axis and the direction that it should have
 _WHEEL = re.compile("wheel|tire|tyre", re.IGNORECASE)
 _CASTER = re.compile("caster|castor|swivel", re.IGNORECASE)
 
@@ -46,16 +48,21 @@ class Link:
     pose: Transform
     """Pose in base_link."""
 
-    is_turning: bool
-    """Whether its joint is continuous, as that of a wheel."""
+    parent: str
+    """Name of the link that its joint is on, empty for the root."""
+
+    joint_type: str
+
+    axis: Floats
+    """Direction (3,) in base_link that its joint turns about; 0 if none is given."""
 
 
 def read_chassis(path: Path) -> tuple[dict[str, Any], str]:
     """Return `Chassis` fields that a URDF gives and what it lacks; ConfigError if bad.
 
     Wheels are the links with "wheel", "tire" or "tyre" but not "caster" or "swivel" in
-    their names that a continuous joint turns. Their sizes are those of their collision
-    cylinders. The height of base_link is that over the link base_footprint, if there is
+    their names that a continuous joint turns. Their sizes and places are those of their
+    collision cylinders. The height of base_link is that over the link base_footprint, if there is
     one.
 
     Returns:
@@ -82,10 +89,11 @@ def read_chassis(path: Path) -> tuple[dict[str, Any], str]:
 
 
 def _run_xacro(path: Path) -> bytes:
-    """Return the URDF that xacro makes of a file, limited; ValueError if it fails.
+    """Return the URDF that xacro makes of a file, within limits on time and memory.
 
     Raises:
-        ValueError: If xacro is not installed, fails or exceeds its limits.
+        ValueError: If xacro is not installed or takes too long.
+        ConfigError: If it fails.
     """
     program = shutil.which("xacro")
     if program is None:
@@ -105,9 +113,14 @@ def _run_xacro(path: Path) -> bytes:
     except subprocess.TimeoutExpired:
         raise ValueError(f"xacro did not end within {_XACRO_S:g} s") from None
     except subprocess.CalledProcessError as error:
-        # Its last line is what went wrong.
-        reason = error.stderr.decode(errors="replace").strip().rpartition("\n")[2]
-        raise ValueError(f"xacro failed: {format_error(reason)}") from None
+        # Warnings come before what went wrong, names of files in lines after it.
+        text = error.stderr.decode(errors="replace").rpartition("error: ")[2]
+        reason = text.strip().partition("\n")[0]
+        raise ConfigError(
+            f"{path}: xacro failed: {format_error(reason)}; where the "
+            f"robot's packages are installed, run `xacro {path.name} > robot.urdf` "
+            "and use that file"
+        ) from None
     return process.stdout[:LARGEST_URDF_BYTES]
 
 
@@ -116,7 +129,8 @@ def _read_links(root: Element) -> dict[str, Link]:
     elements = {element.attrib["name"]: element for element in root.findall("link")}
     if "base_link" not in elements or len(elements) > _MOST_LINKS:
         raise ValueError(
-            f"must have a link base_link, and no more than {_MOST_LINKS} links"
+            f"must have a link base_link, and 1 to {_MOST_LINKS} links"
+            f"{suggest('base_link', elements) if elements else ', but has none'}"
         )
     # Parent and element of each joint by its child link.
     joints: dict[str, tuple[str, Element]] = {}
@@ -126,11 +140,18 @@ def _read_links(root: Element) -> dict[str, Link]:
     base = _pose_in_root("base_link", joints)
     links = {}
     for name, element in elements.items():
-        pose = _pose_in_root(name, joints)
         # base_link need not be the root of the tree.
-        in_base = base.inverse() @ pose
-        is_turning = name in joints and joints[name][1].get("type") == "continuous"
-        links[name] = Link(element, in_base, is_turning)
+        pose = base.inverse() @ _pose_in_root(name, joints)
+        parent, joint = joints.get(name, ("", Element("joint")))
+        axis = joint.find("axis")
+        xyz = "0 0 0" if axis is None else axis.get("xyz", "1 0 0")
+        links[name] = Link(
+            element,
+            pose,
+            parent,
+            joint.get("type", ""),
+            pose.rotation @ _read_triple(xyz),
+        )
     return links
 
 
@@ -186,23 +207,22 @@ def _read_inertia(links: dict[str, Link]) -> dict[str, Any]:
 def _read_wheels(links: dict[str, Link]) -> tuple[dict[str, Any], str]:
     """Return `Chassis` fields of the wheels, and what is missing of them in words."""
     names = [name for name in links if _WHEEL.search(name) and not _CASTER.search(name)]
-    wheels = [links[name] for name in names if links[name].is_turning]
+    wheels = [name for name in names if links[name].joint_type == "continuous"]
     if not wheels and names:
         return {}, f"no wheels: no continuous joint turns {join_names(names)}"
     if not wheels:
         return {}, "no wheels: no link has wheel, tire or tyre in its name"
-    positions = np.array([wheel.pose.offset for wheel in wheels])
-    for wheel in wheels:
-        # A driven wheel has a partner on the other side; one in the middle is a caster.
-        mirrored = wheel.pose.offset * [1.0, -1.0, 1.0]
-        off_m = np.abs(positions - mirrored).max(axis=1).min()
-        if off_m > _LARGEST_SHIFT_M or abs(mirrored[1]) <= _LARGEST_SHIFT_M:
-            name = wheel.element.get("name")
+    sizes = {name: _read_size(links[name]) for name in wheels}
+    problems = [(name, _find_misplacement(links, name)) for name in wheels]
+    # A swivel wheel would also look unlike the others, or make them look so.
+    problems += [(name, _find_difference(sizes, name)) for name in wheels]
+    for name, problem in problems:
+        if problem:
             raise ValueError(
-                f"wheel {name!r:.60} has no partner on the other side; if it is a "
-                "caster, name it so and give casters_m"
+                f"wheel {name!r:.60} {problem}; if it is a caster, name it so and give "
+                "casters_m"
             )
-    x, y, z = positions.T
+    x, y, z, radius, width = np.array(list(sizes.values())).T
     front = float(x.max())
     rear = float(x.min())
     fields = {
@@ -211,17 +231,67 @@ def _read_wheels(links: dict[str, Link]) -> tuple[dict[str, Any], str]:
         "wheelbase_m": front - rear,
         "axle_x_m": 0.5 * (front + rear),
     }
-    # Wheels are alike; the first with a collision of a simple shape gives their size.
-    for wheel in wheels:
-        for shape in wheel.element.iterfind("collision/geometry/*"):
-            if shape.tag in ("cylinder", "sphere"):
-                fields.setdefault("wheel_radius_m", float(shape.attrib["radius"]))
-            if shape.tag == "cylinder":
-                fields.setdefault("wheel_width_m", float(shape.attrib["length"]))
-    if "wheel_width_m" in fields:
+    # A wheel of another shape has size 0, and is like the others.
+    if radius.any():
+        fields["wheel_radius_m"] = float(radius.max())
+    if width.any():
+        fields["wheel_width_m"] = float(width.max())
         return fields, ""
-    size = "width" if "wheel_radius_m" in fields else "size"
+    size = "width" if radius.any() else "size"
     return fields, f"no {size} of the wheels: none has a cylinder for its collision"
+
+
+def _read_size(wheel: Link) -> list[float]:
+    """Return center x, y, z in base_link, radius and width (m; 0 if unknown).
+
+    They are those of its largest collision cylinder or sphere, else of the link.
+    """
+    size = [*wheel.pose.offset.tolist(), 0.0, 0.0]
+    for collision in wheel.element.iterfind("collision"):
+        for shape in collision.iterfind("geometry/*"):
+            radius = float(shape.get("radius", "0"))
+            if radius > size[3]:
+                # A wheel may be beside the origin of its link.
+                center = wheel.pose @ _read_origin(collision)
+                width = float(shape.get("length", "0"))
+                size = [*center.offset.tolist(), radius, width]
+    return size
+
+
+def _find_misplacement(links: dict[str, Link], name: str) -> str:
+    """Return in words how a wheel turns other than about y of base_link, or ""."""
+    axis = links[name].axis
+    if abs(axis[1]) < _ALONG * np.linalg.norm(axis):
+        return f"turns about {axis.round(3).tolist()}, not about y of base_link"
+    parent = links[name].parent
+    while parent in links:
+        joint = links[parent]
+        is_turning = joint.joint_type in ("continuous", "revolute")
+        if is_turning and abs(joint.axis[2]) > _ALONG * np.linalg.norm(joint.axis):
+            return f"is steered, by the joint of {parent!r:.60}"
+        parent = joint.parent
+    return ""
+
+
+def _find_difference(sizes: dict[str, list[float]], name: str) -> str:
+    """Return in words how a wheel differs from the others, or ""."""
+    # A driven wheel has a partner on the other side; one in the middle is a caster.
+    x, y, z, radius, _ = sizes[name]
+    positions = np.array(list(sizes.values()))[:, :3]
+    off_m = np.abs(positions - [x, -y, z]).max(axis=1).min()
+    if off_m > _LARGEST_SHIFT_M or abs(y) <= _LARGEST_SHIFT_M:
+        return "has no partner on the other side"
+    for other, (_, other_y, other_z, other_radius, _) in sizes.items():
+        shift_m = max(abs(abs(y) - abs(other_y)), abs(z - other_z))
+        if radius and other_radius:
+            shift_m = max(shift_m, abs(radius - other_radius))
+        if shift_m > _LARGEST_SHIFT_M:
+            return (
+                f"is unlike {other!r:.60}: y, z and radius are {y:.4g}, {z:.4g} and "
+                f"{radius:.4g} m, not {other_y:.4g}, {other_z:.4g} and "
+                f"{other_radius:.4g} m"
+            )
+    return ""
 
 
 def _read_origin(parent: Element) -> Transform:

@@ -181,6 +181,12 @@ TURNED = """<robot name="r">
     <origin xyz="0.3 -0.2 -0.1"/></joint>
 </robot>"""
 
+AXLE = '<joint name="d" type="continuous"><parent link="base_link"/>'
+HINGE = """<link name="hinge"/><joint name="e" type="revolute">
+<parent link="base_link"/><child link="hinge"/><axis xyz="0 0 2"/></joint>"""
+BALL = """<link name="wheel_right"><collision><geometry><sphere radius="0.11"/></geometry>
+</collision></link>"""
+
 
 @pytest.mark.parametrize(
     ("change", "message"),
@@ -191,6 +197,10 @@ TURNED = """<robot name="r">
         (('"wheel_', '"roller_'), "no link has wheel, tire or tyre in its name"),
         (('"wheel_left"', '"swivel_wheel"'), "wheel 'wheel_right' has no partner on the other side"),
         (("<robot ", "<!-- <xacro:x> --><robot "), "needs xacro, which is not installed"),
+        (('-0.2 -0.1"/>', '-0.2 -0.1" rpy="0 0 1"/><axis xyz="0 1 0"/>'), r"turns about \[-0.841, 0.54, 0.0\], not about y"),
+        ((AXLE, HINGE + AXLE.replace("base_link", "hinge")), "wheel 'wheel_right' is steered, by the joint of 'hinge'; if"),
+        (('<link name="wheel_right"/>', BALL), "'wheel_left' is unlike 'wheel_right': .* 0.1 m, not -0.2, -0.1 and 0.11 m"),
+        (('"base_link"', '"my_base_link"'), "must have a link base_link, .*; did you mean 'my_base_link'"),
     ],
 )  # fmt: skip
 def test_what_a_urdf_gives_and_lacks_is_said(
@@ -220,6 +230,24 @@ def test_wheels_are_known_in_any_case_and_as_tires(tmp_path):
     assert read_chassis(path)[0]["track_m"] == 0.4
 
 
+def test_a_wheel_is_where_its_collision_is_not_where_its_joint_is(tmp_path):
+    # As AgileX LIMO has it. The joints are 0.4 m apart, and the hub is no tire.
+    hub = '<collision><geometry><cylinder radius="0.02" length="0.5"/></geometry></collision>'
+    tire = """<collision><origin xyz="0 0.03 0" rpy="1.5707963 0 0"/><geometry>
+        <cylinder radius="0.1" length="0.06"/></geometry></collision>"""
+    text = TURNED.replace(' rpy="-1.57 0 0"', "")
+    text = text.replace('-0.2 -0.1"/>', '-0.2 -0.1" rpy="3.1415926535 0 0"/>')
+    path = tmp_path / "r.urdf"
+    for side in ("left", "right"):
+        link = f'<link name="wheel_{side}">'
+        text = text.replace(link[:-1] + "/>", link + "</link>")
+        text = text.replace(link, link + hub + tire)
+    path.write_text(text, "utf-8")
+    wheels = read_chassis(path)[0]
+    assert wheels["track_m"] == pytest.approx(0.46)
+    assert (wheels["wheel_radius_m"], wheels["wheel_width_m"]) == (0.1, 0.06)
+
+
 def test_xacro_runs_where_it_is_installed(tmp_path, monkeypatch, refused):
     path = tmp_path / "r.urdf.xacro"
     path.write_text(TURNED, "utf-8")
@@ -230,6 +258,13 @@ def test_xacro_runs_where_it_is_installed(tmp_path, monkeypatch, refused):
     assert read_chassis(path)[0]["mass_kg"] == 2.0
     program.write_text("#!/bin/sh\necho no such macro >&2\nexit 2\n")
     with refused(ConfigError, f"^{path}: .*xacro failed: no such macro"):
+        read_chassis(path)
+    lines = "warning: old error: no package 'x'\nwhen processing file: y"
+    program.write_text(f"#!/bin/sh\necho {lines!r} >&2\nexit 2\n")
+    with refused(
+        ConfigError,
+        "xacro failed: no package 'x'; .*run `xacro r.urdf.xacro > robot.urdf`",
+    ):
         read_chassis(path)
 
 
