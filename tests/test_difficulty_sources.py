@@ -9,7 +9,7 @@ from evaluation import EvaluationConfig, evaluate
 from judge_difficulty import main as judge
 from refusals import refused
 from reproduce_work import experiment_of, write_invented
-from test_difficulty_judging import make_trials
+from test_difficulty_judging import make_trials, worlds  # noqa: F401 (a fixture)
 from trial_sources import join_trials, load_trials, read_trials
 
 from barn_eval.analysis.sources import read_source
@@ -20,12 +20,6 @@ from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.formats.dataset_file import write_dataset_file
 
 COUNT = 30
-
-
-@pytest.fixture(scope="module")
-def worlds():
-    dataset = open_dataset("barn300")
-    return {number: dataset.load(number) for number in dataset.world_numbers[::6]}
 
 
 @pytest.fixture(scope="module")
@@ -60,17 +54,17 @@ def test_networks_are_judged_on_folds_by_a_tool(source):
 
 
 def test_worlds_are_identified_by_checksum_not_by_number(source, tmp_path):
-    worlds, trials = read_trials(source)
+    by_number, trials = read_trials(source)
     dataset = open_dataset("barn300")
-    assert tuple(worlds) == trials.world_numbers == dataset.world_numbers[::10]
-    for index, world in worlds.items():
+    assert tuple(by_number) == trials.world_numbers == dataset.world_numbers[::10]
+    for index, world in by_number.items():
         assert world.checksum == dataset.load(index).checksum
     results = read_source(source).results
     first = [result.scores for result in results if result.world == 10]
     assert (len(first), len(trials)) == (4, len(results))
     mean = np.mean([scores.normalised_time_s_per_m for scores in first])
     assert trials.difficulty()[1] == pytest.approx(mean)
-    renumbered = {1000 - index: world for index, world in worlds.items()}
+    renumbered = {1000 - index: world for index, world in by_number.items()}
     write_dataset_file(tmp_path / "again.npz", "again", renumbered)
     again, moved = read_trials(source, str(tmp_path / "again.npz"))
     assert tuple(again) == tuple(sorted(renumbered))
@@ -90,8 +84,8 @@ def test_uncounted_trials_and_incomplete_worlds_are_left_out(tmp_path):
 
     lost_id = experiment_of("0-11", 1).trials()[0].trial_id
     write_invented(tmp_path / "out", experiment_of("0-11", 1), change=lost)
-    worlds, trials = read_trials(tmp_path / "out")
-    assert (len(worlds), len(trials)) == (11, 22)
+    by_number, trials = read_trials(tmp_path / "out")
+    assert (len(by_number), len(trials)) == (11, 22)
 
 
 def test_other_sources_are_refused(tmp_path):
@@ -139,7 +133,7 @@ def test_mistakes_are_named(source):
     assert "ridge" in output and "highest R2 that these trials allow" in output
 
 
-def test_campaigns_are_joined_by_world_whatever_their_numbers(worlds):
+def test_campaigns_are_joined_by_world_whatever_their_numbers(worlds):  # noqa: F811 (a fixture)
     trials = make_trials(worlds, repetitions=1)
     even_worlds = {index: worlds[index] for index in list(worlds)[::2]}
     odd_worlds = {index: worlds[index] for index in list(worlds)[1::2]}

@@ -11,7 +11,6 @@ from scipy import ndimage
 from barn_metrics.metrics import closest_obstacle, tortuosity
 from barn_worlds.base.arrays import (
     BoolGrid,
-    Bools,
     Cells,
     Floats,
     side_lengths,
@@ -39,7 +38,12 @@ def world_features(world: World) -> dict[str, float]:
     turning = heading_changes(path)
     turning_rad = float(np.abs(turning).sum())
     turns = turning[turning != 0.0]
-    passages, longest_m = _narrow_passages(is_narrow, lengths)
+    # Narrow stretches of the path.
+    places_m = np.append(0.0, np.cumsum(lengths))
+    labels, passages = ndimage.label(is_narrow)
+    longest_m = 0.0
+    for (passage,) in ndimage.find_objects(labels):
+        longest_m = max(longest_m, float(np.ptp(places_m[passage])))
     rows = path[:, 0].tolist()
     percentiles = {
         f"clearance_p{percent:02}_m": float(np.percentile(clearance, percent))
@@ -179,13 +183,3 @@ def _smallest_largest_gap(centers: Floats, rows: float) -> float:
                 gap = math.hypot(row_offset, column_offset) - 1.0
                 cost[i] = min(cost[i], max(lowest, gap))
     return best
-
-
-def _narrow_passages(is_narrow: Bools, lengths: Floats) -> tuple[int, float]:
-    """Return how many narrow stretches a path has and the longest one's length in m."""
-    places_m = np.append(0.0, np.cumsum(lengths))
-    labels, count = ndimage.label(is_narrow)
-    longest_m = 0.0
-    for (passage,) in ndimage.find_objects(labels):
-        longest_m = max(longest_m, float(np.ptp(places_m[passage])))
-    return count, longest_m

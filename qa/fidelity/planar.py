@@ -118,11 +118,11 @@ class Planar:
         gain = rate / turn_rad_s
         ahead = chassis.centre_of_mass_m[0] - chassis.axle_x_m
         inertia = chassis.inertia_kg_m2[2] + chassis.mass_kg * ahead**2
-        other = (
-            sum(x for x, _ in chassis.casters_m) / len(chassis.casters_m)
-            - chassis.axle_x_m
-        )
-        load = chassis.mass_kg * GRAVITY_M_S2 * (1.0 - ahead / other)
+        # Casters on the other side of the axle carry nothing.
+        arms = [x - chassis.axle_x_m for x, _ in chassis.casters_m]
+        arms = [arm for arm in arms if arm * ahead > 0.0]
+        share = ahead * len(arms) / sum(arms) if arms else 0.0
+        load = chassis.mass_kg * GRAVITY_M_S2 * (1.0 - share)
         grip = self.robot.wheel_friction * load * 0.5 * chassis.track_m / inertia
         slowing = min(drive.max_yaw_acceleration_rad_s2 * gain, grip)
         return (

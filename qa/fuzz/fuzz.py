@@ -108,20 +108,26 @@ def fuzz(
         shared = RawArray("q", [first, 0])
         findings: list[str] = []
         end = time.monotonic() + seconds
-        while shared[_NUMBER] < first + inputs and time.monotonic() < end:
-            target = first + inputs
-            arguments = (
-                reader,
-                seeds,
-                Path(folder),
-                name,
-                seed,
-                target,
-                end,
-                shared,
-                out,
-            )
-            child = get_context("fork").Process(target=_child, args=arguments)
+        target = first + inputs
+        path = Path(folder) / reader.name
+
+        def work() -> None:
+            """Try inputs, from the first that no child has tried."""
+            _limit_child()
+            reported = set()
+            while shared[_NUMBER] < target and time.monotonic() < end:
+                content = make_input(reader, seeds, name, seed, shared[_NUMBER])
+                path.write_bytes(content)
+                complaint, read = finding(reader, path)
+                kind = "".join(complaint.splitlines()[-3:-1])[:200] or complaint
+                if complaint and kind not in reported:
+                    reported.add(kind)
+                    keep(out, name, content, complaint)
+                shared[_READ] += read
+                shared[_NUMBER] += 1
+
+        while shared[_NUMBER] < target and time.monotonic() < end:
+            child = get_context("fork").Process(target=work)
             child.start()
             why = _watch(child, shared)
             if child.exitcode != 0:
@@ -131,7 +137,7 @@ def fuzz(
                 findings.append(keep(out, name, content, complaint))
                 shared[_NUMBER] = number + 1
         findings += [
-            path.name for path in out.glob(f"{name}-*.txt") if path.name not in findings
+            file.name for file in out.glob(f"{name}-*.txt") if file.name not in findings
         ]
         return shared[_NUMBER] - first, shared[_READ], findings
 
@@ -183,34 +189,14 @@ def _processor_s(pid: int) -> float:
     return sum(map(int, fields[11:13])) / os.sysconf("SC_CLK_TCK")
 
 
-def _child(
-    reader: Reader,
-    seeds: list[bytes],
-    folder: Path,
-    name: str,
-    seed: int,
-    target: int,
-    end: float,
-    shared: Any,
-    out: Path,
-) -> None:
+def _limit_child() -> None:
+    """Limit the memory of this process, and silence it."""
     pages = Path("/proc/self/statm").read_text().split()[0]
     used = int(pages) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (used + LIMIT_BYTES, used + LIMIT_BYTES))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     sys.stderr = sys.stdout = open(os.devnull, "w")  # noqa: PTH123, SIM115
     gc.freeze()  # what the parent has loaded need not be looked through again and again
-    reported = set()
-    while shared[_NUMBER] < target and time.monotonic() < end:
-        content = make_input(reader, seeds, name, seed, shared[_NUMBER])
-        (folder / reader.name).write_bytes(content)
-        complaint, read = finding(reader, folder / reader.name)
-        kind = "".join(complaint.splitlines()[-3:-1])[:200] or complaint
-        if complaint and kind not in reported:
-            reported.add(kind)
-            keep(out, name, content, complaint)
-        shared[_READ] += read
-        shared[_NUMBER] += 1
 
 
 def _corpus_findings(name: str) -> Iterator[str]:

@@ -1,70 +1,40 @@
 """Mutations of bytes and of plain data, all from a generator that is passed in."""
 
 import random
+import re
 import struct
 from collections.abc import Sequence
 from typing import Any
 
 LONGEST = 1 << 20
+_NUMBER = re.compile(rb"[0-9][0-9.]*")
 NUMBERS: tuple[Any, ...] = (
     0, -1, 1, 2, 127, 255, 256, 32767, 65535, 2**31 - 1, -(2**31), 2**32, 2**53, 2**63 - 1, 2**63, -(2**63) - 1, 10**30,
     10**400, 0.0, -0.0, 0.1, 1e-320, 1e30, 1e308, -1e308, float("inf"), float("-inf"), float("nan"),
 )  # fmt: skip
-TEXTS = (
-    "", " ", "0", "a" * 300, "x" * 6000, "\ud800", "\u202e\0\x07", "<script>", "../../etc/passwd", "/dev/zero", "%s{0}",
-    "é\n\r\t", "9" * 5000, "1e999", "dwa", "all", "0-9", "barn300", "nan", "true", "null",
-)  # fmt: skip
+_LONG_TEXTS = ("a" * 300, "x" * 6000, "9" * 5000)
+_TEXTS = (
+    "~ ~0~\ud800~\u202e\0\x07~<script>~../../etc/passwd~/dev/zero~%s{0}~é\n\r\t~1e999~dwa"
+    "~all~0-9~barn300~nan~true~null"
+)
+TEXTS = (*_TEXTS.split("~"), *_LONG_TEXTS)
+_TOKENS = (
+    "- ~? ~&a ~*a~<<: ~!!int ~!!binary ~!!set ~!!python/object:os.system ~---\n~2001-13-99"
+    "~1e400~-1~NaN~Infinity~null~\\ud800~\ufeff~P5\n9999999 9999999\n255\n~<!DOCTYPE x>"
+    "~<![CDATA[~]]>~&amp;~&#0;~</world>~<model name='~<pose>~/>~<!--~<?xml ~inf inf inf"
+    "~descr~shape~fortran_order~|O~<f8"
+)
+_LONG_TOKENS = (
+    "0x" + "f" * 4000,
+    "1:" * 50 + "1",
+    "9" * 4400,
+    "[" * 80,
+    "{a: " * 80,
+    "<a>" * 120,
+)
 TOKENS = tuple(
     token.encode()
-    for token in (
-        *"\"'\\{}[],:\n\r\0#%|",
-        *(
-            "- ",
-            "? ",
-            "&a ",
-            "*a",
-            "<<: ",
-            "!!int ",
-            "!!binary ",
-            "!!set ",
-            "!!python/object:os.system ",
-            "---\n",
-        ),
-        *(
-            "2001-13-99",
-            "0x" + "f" * 4000,
-            "1:" * 50 + "1",
-            "1e400",
-            "-1",
-            "NaN",
-            "Infinity",
-            "9" * 4400,
-            "null",
-        ),
-        *("\\ud800", "\ufeff", "[" * 80, "{a: " * 80, "P5\n9999999 9999999\n255\n"),
-        *(
-            "<!DOCTYPE x>",
-            "<![CDATA[",
-            "]]>",
-            "&amp;",
-            "&#0;",
-            "</world>",
-            "<model name='",
-            "<pose>",
-            "<a>" * 120,
-            "/>",
-        ),
-        *(
-            "<!--",
-            "<?xml ",
-            "inf inf inf",
-            "descr",
-            "shape",
-            "fortran_order",
-            "|O",
-            "<f8",
-        ),
-    )
+    for token in (*"\"'\\{}[],:\n\r\0#%|", *_TOKENS.split("~"), *_LONG_TOKENS)
 )
 
 
@@ -109,13 +79,9 @@ def _change(draw: random.Random, data: bytearray, donors: Sequence[bytes]) -> No
 
 def _change_number(draw: random.Random, data: bytearray, at: int) -> None:
     """Replace the next number in a text."""
-    while at < len(data) and not 48 <= data[at] <= 57:
-        at += 1
-    end = at
-    while end < len(data) and (48 <= data[end] <= 57 or data[end] == 46):
-        end += 1
-    if at < end:
-        data[at:end] = repr(draw.choice(NUMBERS)).encode()
+    number = _NUMBER.search(data, at)
+    if number:
+        data[slice(*number.span())] = repr(draw.choice(NUMBERS)).encode()
 
 
 def mutate_plain(draw: random.Random, content: Any) -> Any:

@@ -117,23 +117,18 @@ def info() -> dict[str, Any]:
         states[name] = "on"
         if problem:
             states[name] = f"off: {problem}; {remedy}"
+    ros = {name: os.environ.get(name, "") for name in _ROS_VARIABLES}
+    # Only ROS can name its middleware.
+    if not ros_problem():
+        ros["middleware"] = _find_middleware()
+    warning = isolation_warning(RosConfig())
+    ros["isolation"] = warning or f"planners over ROS: {probe_isolation()}"
     return provenance() | {
-        "ros": _describe_ros(),
+        "ros": ros,
         "optional": states,
         "planners": planner_names(),
         "data_sets": list(dataset_files()),
     }
-
-
-def _describe_ros() -> dict[str, str]:
-    """Return by name: ROS's environment variables, middleware if any, and isolation."""
-    description = {name: os.environ.get(name, "") for name in _ROS_VARIABLES}
-    # Only ROS can name its middleware.
-    if not ros_problem():
-        description["middleware"] = _find_middleware()
-    warning = isolation_warning(RosConfig())
-    description["isolation"] = warning or f"planners over ROS: {probe_isolation()}"
-    return description
 
 
 def _find_middleware() -> str:

@@ -342,11 +342,10 @@ def _write_world(
     elif form == "map":
         path = folder / f"map_{number}"
         write_map(world.occupancy_map(), path, course=world.course_numbers)
-    elif form == "sdf_classic":
-        path = folder / f"world_{number}.world"
-        write_sdf(world, path, "classic", movable=movable)
     else:
-        write_sdf(world, folder / f"world_{number}.sdf", "gz", movable=movable)
+        is_classic = form == "sdf_classic"
+        path = folder / f"world_{number}.{'world' if is_classic else 'sdf'}"
+        write_sdf(world, path, "classic" if is_classic else "gz", movable=movable)
 
 
 def _require_new(path: Path) -> None:

@@ -17,12 +17,7 @@ from barn_eval.commands.options import (
     print_notes,
     print_output,
 )
-from barn_eval.commands.tables import (
-    FittedTable,
-    quantities_table,
-    table,
-    value_text,
-)
+from barn_eval.commands.tables import quantities_table, table, value_text
 from barn_eval.trials.protocol import PROTOCOLS, load_protocol
 from barn_planners.registry import planner_entry, planner_names
 from barn_worlds.base.config import as_dict
@@ -39,7 +34,19 @@ def robots(robot: str | None, out: Path | None, as_json: bool) -> None:
     if robot is None:
         if out is not None:
             raise click.UsageError("--out needs ROBOT")
-        _print_robots(as_json)
+        entries = [
+            {
+                "robot": details.name,
+                "drive": details.chassis.kind,
+                "length [m]": details.length_m,
+                "width [m]": details.width_m,
+                "mass [kg]": details.chassis.mass_kg,
+                "speed [m/s]": details.drive.max_speed_m_s,
+                "yaw rate [rad/s]": details.drive.max_yaw_rate_rad_s,
+            }
+            for details in ROBOTS.values()
+        ]
+        _print_entries(as_json, entries, list(entries[0])[2:])
         return
 
     # A file of the user is shown like a robot of the suite.
@@ -65,7 +72,17 @@ def planners(planner: str | None, as_json: bool) -> None:
     barn run --set NAME.PARAMETER=VALUE.
     """
     if planner is None:
-        _print_planners(as_json)
+        entries = []
+        for name in planner_names():
+            entry = planner_entry(name)
+            entries.append(
+                {
+                    "planner": name,
+                    "presets": tuple(entry.presets),
+                    "summary": entry.summary,
+                }
+            )
+        _print_entries(as_json, entries)
         return
 
     name, _colon, preset = planner.partition(":")
@@ -97,7 +114,7 @@ def protocols(name: str | None, as_json: bool) -> None:
             }
             for rules in PROTOCOLS.values()
         ]
-        print_output(as_json, entries, _entries_table(entries, ("limit [s]",)))
+        _print_entries(as_json, entries, ("limit [s]",))
         return
 
     details = load_protocol(name)
@@ -105,41 +122,13 @@ def protocols(name: str | None, as_json: bool) -> None:
     print_output(as_json, as_dict(details), quantities_table(details, title, ("name",)))
 
 
-def _print_planners(as_json: bool) -> None:
-    """Print all planners with their presets as a table or as JSON."""
-    entries = []
-    for name in planner_names():
-        entry = planner_entry(name)
-        presets = tuple(entry.presets)
-        entries.append({"planner": name, "presets": presets, "summary": entry.summary})
-    print_output(as_json, entries, _entries_table(entries))
-
-
-def _print_robots(as_json: bool) -> None:
-    """Print the robots of the suite as a table or as JSON."""
-    entries: list[dict[str, Any]] = [
-        {
-            "robot": robot.name,
-            "drive": robot.chassis.kind,
-            "length [m]": robot.length_m,
-            "width [m]": robot.width_m,
-            "mass [kg]": robot.chassis.mass_kg,
-            "speed [m/s]": robot.drive.max_speed_m_s,
-            "yaw rate [rad/s]": robot.drive.max_yaw_rate_rad_s,
-        }
-        for robot in ROBOTS.values()
-    ]
-    numbers = [key for key in entries[0] if key not in ("robot", "drive")]
-    print_output(as_json, entries, _entries_table(entries, numbers))
-
-
-def _entries_table(
-    entries: list[dict[str, Any]], numbers: Iterable[str] = ()
-) -> FittedTable:
-    """Return a table with a row per entry and its keys as headings.
+def _print_entries(
+    as_json: bool, entries: list[dict[str, Any]], numbers: Iterable[str] = ()
+) -> None:
+    """Print a table with a row per entry and its keys as headings, or JSON.
 
     Columns in `numbers` are aligned to the right.
     """
     columns = [f">{key}" if key in numbers else key for key in entries[0]]
     rows = [list(map(value_text, entry.values())) for entry in entries]
-    return table(columns, rows)
+    print_output(as_json, entries, table(columns, rows))

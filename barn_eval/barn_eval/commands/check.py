@@ -68,7 +68,10 @@ def command(folder: Path, rerun: str | None, sample: int | None, as_json: bool) 
     # None in the JSON output says that no trial was to be run again.
     is_reproduced = None
     if rerun is not None and not check.problems:
-        difference = _rerun(Results(folder), rerun)
+        results = Results(folder)
+        # A name, or a number from 1.
+        is_number = rerun.isdecimal() and 1 <= int(rerun) <= len(results)
+        difference = results.rerun(int(rerun) - 1 if is_number else rerun)
         is_reproduced = not difference
         if difference:
             # Like any other problem, a difference decides the exit code.
@@ -93,13 +96,6 @@ def _findings_in(path: Path, status: str) -> Iterator[None]:
         if not path.exists():
             raise
         raise FindingError(str(error)) from None
-
-
-def _rerun(results: Results, trial: str) -> str:
-    """Drive a trial (name, or number from 1) again; return its difference, or ""."""
-    if trial.isdecimal() and 1 <= int(trial) <= len(results):
-        return results.rerun(int(trial) - 1)
-    return results.rerun(trial)
 
 
 def print_check(check: FolderCheck) -> None:

@@ -116,7 +116,11 @@ def _settings_table(tuning: "Tuning", title: str) -> FittedTable:
     rows = []
     # Parameters first, then what they lead to.
     for key in tuning.default:
-        rows.append((key, *(_format(column[key]) for column in values)))
+        texts = [
+            f"{column[key]:.4g}" if isinstance(column[key], float) else str(column[key])
+            for column in values
+        ]
+        rows.append((key, *texts))
     for key in tuning.default_seen:
         measure = MEASURES[key]
         numbers = [measure.number(column[key]) for column in means]
@@ -127,8 +131,3 @@ def _settings_table(tuning: "Tuning", title: str) -> FittedTable:
         title=title,
         caption="Settings were selected in these worlds, so these means flatter them.",
     )
-
-
-def _format(value: object) -> str:
-    """Return a float with four significant digits, any other value as text."""
-    return f"{value:.4g}" if isinstance(value, float) else str(value)

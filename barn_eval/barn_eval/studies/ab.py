@@ -210,7 +210,15 @@ def read_side(
         files = workspace_hashes | hash_command_files(split_command(command))
         planners = (replace(planner, files=files),)
         request = replace(request, config=replace(request.config, planners=planners))
-    return replace(request, out=request.out / _name_side(request))
+    # The folder's name, PLANNER_HASH, changes with anything that may matter: the
+    # configuration and, for registered planners, their code.
+    planner = request.config.planners[0]
+    content = {
+        "experiment": as_dict(request.config),
+        "code": _hash_code(planner) if planner.registered else {},
+    }
+    folder = f"{planner.name}_{identity.fingerprint(content)}"
+    return replace(request, out=request.out / folder)
 
 
 def _find_setup(path: Path, command: str) -> Path:
@@ -237,19 +245,6 @@ def _with_parameter_file(command: str, file: Path) -> str:
     if "--ros-args" not in words:
         words.append("--ros-args")
     return shlex.join([*words, "--params-file", str(file.resolve())])
-
-
-def _name_side(request: RunRequest) -> str:
-    """Return the folder name PLANNER_HASH, which changes with anything that may matter.
-
-    The hash covers the configuration and, for registered planners, their code.
-    """
-    planner = request.config.planners[0]
-    content = {
-        "experiment": as_dict(request.config),
-        "code": _hash_code(planner) if planner.registered else {},
-    }
-    return f"{planner.name}_{identity.fingerprint(content)}"
 
 
 def _hash_code(planner: PlannerChoice) -> dict[str, str]:

@@ -376,7 +376,12 @@ class Tuner:
                         trial.report(mean, world)
                 if count < len(self.worlds) and trial.should_prune():
                     trial.set_user_attr(_GIVEN_UP, count)
-                    return [_extrapolate(self.study, world_means, worlds)]
+                    # The best setting's mean, plus the mean difference in the worlds
+                    # that both drove in.
+                    best = self.study.best_trial.intermediate_values
+                    differences = [world_means[world] - best[world] for world in worlds]
+                    best_mean = np.mean(list(best.values()))
+                    return [float(best_mean + np.mean(differences))]
         values = np.stack(columns, axis=1)
         return [float(mean) for mean in values.mean(axis=0)]
 
@@ -508,19 +513,6 @@ class Tuner:
         """Write a setting's parameter files; return the context manager of its run."""
         setting.write_parameter_files()
         return open_run(setting.request, Reporter(), work_of, pool=self.pool)
-
-
-def _extrapolate(
-    study: optuna.Study, world_means: Mapping[int, float], worlds: Sequence[int]
-) -> float:
-    """Estimate a stopped setting's mean over all worlds from the best setting's.
-
-    The estimate is the best setting's mean plus the mean difference in the worlds that
-    both drove in.
-    """
-    best = study.best_trial.intermediate_values
-    differences = [world_means[world] - best[world] for world in worlds]
-    return float(np.mean(list(best.values())) + np.mean(differences))
 
 
 def _front(study: optuna.Study) -> list[int]:

@@ -137,7 +137,13 @@ def cheapest_route(clearance: ClearanceMap, cost_per_m: Floats) -> Route:
 
     count = max(int(length_m / _SAMPLE_M), _SMOOTHING) + 1
     samples_m = np.linspace(0.0, length_m, count)
-    smoothed = [_smooth(np.interp(samples_m, places_m, line)) for line in cells.T]
+    # Moving averages, the ends repeated.
+    window = np.full(_SMOOTHING, 1.0 / _SMOOTHING)
+    smoothed = []
+    for line in cells.T:
+        values = np.interp(samples_m, places_m, line)
+        padded = np.pad(values, _SMOOTHING // 2, mode="edge")
+        smoothed.append(np.convolve(padded, window, "valid"))
     points = np.stack(smoothed, axis=1)
     heading = np.unwrap(np.arctan2(*np.diff(points, axis=0).T))
 
@@ -153,12 +159,6 @@ def cheapest_route(clearance: ClearanceMap, cost_per_m: Floats) -> Route:
         clearance.clearance_m[row, column][middle],
         clearance.width_m[row, column][middle],
     )
-
-
-def _smooth(values: Floats) -> Floats:
-    """Return the moving average (n,) over five values (n,), the ends repeated."""
-    window = np.full(_SMOOTHING, 1.0 / _SMOOTHING)
-    return np.convolve(np.pad(values, _SMOOTHING // 2, mode="edge"), window, "valid")
 
 
 @strict_kernel

@@ -7,7 +7,6 @@ arrays must fit the header exactly and be finite, and their checksum is in it.
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ from barn_metrics.model.route import CHANNELS
 from barn_worlds.base.arrays import AnyArray, Floats
 from barn_worlds.base.config import Checked, as_dict, from_dict, quantity
 from barn_worlds.base.errors import ModelError
+from barn_worlds.base.files import package_data
 from barn_worlds.formats.npz import Arrays, NpzFormat
 
 FORMAT = NpzFormat(
@@ -72,7 +72,7 @@ def default_weights() -> Path:
 
     The model was trained in generated worlds that are not in barn300.
     """
-    return Path(str(resources.files("barn_metrics"))) / "data" / "difficulty.npz"
+    return package_data("barn_metrics") / "difficulty.npz"
 
 
 def save_model(model: DifficultyModel, path: Path) -> None:

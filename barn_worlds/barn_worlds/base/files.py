@@ -17,7 +17,7 @@ import zipfile
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
-from importlib.resources import files
+from importlib import resources
 from pathlib import Path
 from typing import Any, BinaryIO, TypeAlias
 
@@ -426,7 +426,12 @@ def read_package_yaml(package: str, file: str) -> PlainData:
         package: Python package with the file in its folder `data`.
         file: File name, with folders below `data` if there are any.
     """
-    return parse_yaml((files(package) / "data" / file).read_text("utf-8"), file)
+    return parse_yaml((package_data(package) / file).read_text("utf-8"), file)
+
+
+def package_data(package: str) -> Path:
+    """Return the folder `data` of a Python package."""
+    return Path(str(resources.files(package))) / "data"
 
 
 def make_json_safe(content: PlainData) -> PlainData:

@@ -5,12 +5,12 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from barn_worlds.base.config import read_selection
 from barn_worlds.base.errors import WorldError, format_value, note, suggest
+from barn_worlds.base.files import package_data
 from barn_worlds.formats import dataset_file, map_server, original, single
 from barn_worlds.formats.world_yaml import ENDING
 from barn_worlds.robots.files import STANDARD_ROBOT
@@ -187,8 +187,8 @@ class Dataset:
 
 def dataset_files() -> dict[str, Path]:
     """Return the .npz files of the shipped data sets, by name."""
-    folder = Path(str(resources.files("barn_worlds"))) / "data"
-    return {file.stem: file for file in sorted(folder.glob("*.npz"))}
+    files = package_data("barn_worlds").glob("*.npz")
+    return {file.stem: file for file in sorted(files)}
 
 
 def open_dataset(source: str | Path, robot: Robot = STANDARD_ROBOT) -> Dataset:
@@ -249,11 +249,11 @@ def open_dataset(source: str | Path, robot: Robot = STANDARD_ROBOT) -> Dataset:
 def _open_folder(path: Path, robot: Robot) -> Dataset:
     """Return the data set of a folder in any layout; its worlds are read later."""
     name = path.resolve().name
-    readers: dict[int, Callable[[], World]] = {}
     if original.is_original_folder(path):
-        for world_number in original.find_world_numbers(path):
-            reader = partial(original.read_world, path, world_number, robot)
-            readers[world_number] = reader
+        readers = {
+            world_number: partial(original.read_world, path, world_number, robot)
+            for world_number in original.find_world_numbers(path)
+        }
         return Dataset(name, readers)
 
     files = sorted(file for file in path.iterdir() if file.is_file())

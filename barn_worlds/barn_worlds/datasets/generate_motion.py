@@ -173,7 +173,9 @@ def generate_arenas(
         moving = []
         for profile in shuffled[:count].tolist():
             if profile not in profiles:
-                profiles[profile] = _generate_profile(parameters, seed, profile)
+                draws = _generator(seed, _PROFILE_KEY, profile)
+                points = _polynomial_points(parameters, draws)
+                profiles[profile] = _drive_through(points, parameters, draws, profile)
             # The same object: a data set file stores equal motions once.
             moving.append(profiles[profile])
 
@@ -283,15 +285,6 @@ def _add_obstacles(
     return dataclasses.replace(
         world, moving=(*world.moving, *moving), provenance=provenance
     )
-
-
-def _generate_profile(
-    parameters: MotionParameters, seed: int, number: int
-) -> MovingObstacle:
-    """Return random moving obstacle `number` of a class; depends on seed and number."""
-    generator = _generator(seed, _PROFILE_KEY, number)
-    points = _polynomial_points(parameters, generator)
-    return _drive_through(points, parameters, generator, number)
 
 
 def _build_obstacle(

@@ -287,7 +287,11 @@ def _scene_arrays(worlds: Sequence[World]) -> Arrays:
     rows = []
     for obstacle in obstacles:
         rows.append((SHAPES.index(obstacle.shape), *numbers(obstacle)))
-    motion_rows = [_motion_rows(motion) for motion in motions]
+    # Keys, or power, x and y of coefficients.
+    motion_rows = [
+        motion.keys or [(power, *xy) for power, xy in enumerate(motion.coefficients_m)]
+        for motion in motions
+    ]
     not_arena = (np.nan, np.nan)
     return {
         "corner_m": np.array([world.corner_m or not_arena for world in worlds]),
@@ -305,13 +309,6 @@ def _scene_arrays(worlds: Sequence[World]) -> Arrays:
         "motion_rows": np.array(list(map(len, motion_rows)), np.int32),
         "motion": _table([row for rows in motion_rows for row in rows], 3),
     }
-
-
-def _motion_rows(motion: Motion) -> Sequence[tuple[float, float, float]]:
-    """Return a motion's keys (time, x, y), or power, x, y of its coefficients."""
-    if motion.keys:
-        return motion.keys
-    return [(power, x, y) for power, (x, y) in enumerate(motion.coefficients_m)]
 
 
 def _table(rows: Sequence[Sequence[float]], width: int) -> Floats:

@@ -5,6 +5,7 @@ a pixel that is not opaque is unknown, whatever its color.
 """
 
 import io
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from itertools import pairwise
@@ -56,6 +57,20 @@ MODES = ("trinary", "scale", "raw")
 _IMAGE_FORMATS = ("PPM", "PNG", "BMP", "JPEG", "GIF", "TIFF", "WEBP", "TGA", "PCX")
 _OWN_KEYS = ("start", "goal", "routes")  # unknown to map_server
 _NUMBERS = ("resolution", "origin", "occupied_thresh", "free_thresh")
+_ROUTES_HINT = (
+    "into the map's YAML file: routes: {name: {start: [x, y, yaw], goal: [x, y]}}"
+)
+# What files of other programs are, by a text in them.
+_OTHER_FILES = {
+    b"FeatureCollection": "a GeoJSON file, such as a route graph of Nav2",
+    b"building_name:": "a navigation graph of Open-RMF",
+    b"elevation:": "a building of Open-RMF's traffic editor, in pixels",
+    b"<gpx": "a GPX file, in degrees",
+    b"<kml": "a KML file, in degrees",
+    b"latitude": "a list of places in degrees",
+}
+# In the names of Nav2's masks of places to avoid, which are maps in mode trinary, too.
+_MASK = re.compile("keepout|mask", re.IGNORECASE)
 # Gray values that map_saver writes. That of unknown cells lies between the thresholds.
 _FREE_GRAY = 254
 _UNKNOWN_GRAY = 205
@@ -101,9 +116,8 @@ class Waypoint(Checked):
     def numbers(self) -> tuple[float, float, float]:
         """The pose in the plane: x and y in m, yaw in rad."""
         w, x, y, z = self.orientation
-        rotation = quaternion_matrix(x, y, z, w)
-        pose = Transform(np.array(self.pose), rotation)
-        return *self.pose[:2], pose.yaw_rad
+        heading = Transform(rotation=quaternion_matrix(x, y, z, w))
+        return *self.pose[:2], heading.yaw_rad
 
 
 @dataclass(frozen=True)
@@ -176,7 +190,14 @@ def write_map(
     )
     text = dump_yaml(as_dict(map_file))
     # The image comes first, so that a .yaml file never lacks its image.
-    write_bytes(path.with_name(map_file.image), _encode_pgm(grid))
+    height, width = grid.data.shape
+    gray = np.select(
+        [grid.data == 0, grid.data > 0], [_FREE_GRAY, _OCCUPIED_GRAY], _UNKNOWN_GRAY
+    )
+    # Images begin with the top row.
+    pixels = gray[::-1].astype(np.uint8).tobytes()
+    content = f"P5\n{width} {height}\n255\n".encode() + pixels
+    write_bytes(path.with_name(map_file.image), content)
     write_bytes(yaml_path, text.encode())
 
 
@@ -189,11 +210,13 @@ def read_map_file(path: Path) -> MapFile:
     try:
         content = parse_yaml(file, str(path))
         if isinstance(content, dict):
-            if "waypoints" in content and "image" not in content:
-                raise WorldError(
-                    f"{path}: is not a map; name it in the map's YAML file: "
-                    f"routes: {path.name}"
-                )
+            if "image" not in content:
+                _refuse_other(file, path)
+                if "waypoints" in content:
+                    raise WorldError(
+                        f"{path}: is not a map; name it in the map's YAML file: "
+                        f"routes: {path.name}"
+                    )
             if isinstance(content.get("routes"), str):
                 content["routes"] = read_legs(path.parent / content["routes"])
             content |= _read_scalars(parse_yaml(file, str(path), TextLoader))
@@ -222,13 +245,14 @@ def read_legs(path: Path) -> dict[str, dict[str, tuple[float, ...]]]:
     Raises:
         BarnError: If the file cannot be read or has fewer than two waypoints.
     """
-    content = as_mapping(parse_yaml(read_bytes(path, LARGEST_YAML), str(path)))
+    file = read_bytes(path, LARGEST_YAML)
+    _refuse_other(file, path)
+    content = as_mapping(parse_yaml(file, str(path)))
     entries = as_mapping(content.get("waypoints"))
     if len(entries) < 2:
         raise WorldError(
             f"{path}: must have two waypoints or more, as Nav2's panel in RViz saves "
-            "them; write routes of other files, such as graphs, into the map's file: "
-            "routes: {name: {start: [x, y, yaw], goal: [x, y]}}"
+            f"them; write the routes of other files {_ROUTES_HINT}"
         )
     poses = {}
     for name, entry in entries.items():
@@ -240,17 +264,23 @@ def read_legs(path: Path) -> dict[str, dict[str, tuple[float, ...]]]:
     }
 
 
+def _refuse_other(content: bytes, path: Path) -> None:
+    """Raise WorldError if a file is of another program, which gives no routes."""
+    for text, kind in _OTHER_FILES.items():
+        if text in content:
+            raise WorldError(
+                f"{path}: is {kind}; must have two waypoints or more, as Nav2's panel "
+                f"in RViz saves them; write other routes {_ROUTES_HINT}"
+            )
+
+
 def read_route_names(path: Path) -> list[str]:
     """Read the names of the routes in a map's .yaml file; [] if it cannot be read."""
     try:
-        content = parse_yaml(read_bytes(path, LARGEST_YAML), str(path))
-        routes = as_mapping(content).get("routes")
-        if isinstance(routes, str):
-            routes = read_legs(path.parent / routes)
+        return list(read_map_file(path).routes)
     except BarnError:
         # The error is raised when the map is loaded.
         return []
-    return list(as_mapping(routes))
 
 
 def read_map(path: Path, map_file: MapFile | None = None) -> OccupancyMap:
@@ -267,8 +297,16 @@ def read_map(path: Path, map_file: MapFile | None = None) -> OccupancyMap:
         WorldError: If the .yaml file or the image is malformed.
     """
     map_file = map_file or read_map_file(path)
+    image = path.parent / map_file.image
+    if not image.exists():
+        # Maps that were copied may still name where their image was.
+        names = [file.name for file in path.parent.iterdir()]
+        raise WorldError(
+            f"{path}: image: {map_file.image!r:.200} does not exist; put the image "
+            f"there, or change image{suggest_similar(image.name, names)}"
+        )
     # Images begin with the top row, which has the largest y.
-    gray, is_opaque = _read_image(path.parent / map_file.image)
+    gray, is_opaque = _read_image(image)
     shade = gray[::-1] / 255.0
     if map_file.mode == "raw":
         values = np.rint(gray[::-1])
@@ -305,17 +343,22 @@ def filled_cells(grid: OccupancyMap) -> BoolGrid:
 def select_maps(files: Sequence[Path]) -> list[Path]:
     """Return the trinary maps, else maps of other modes; log a note about the rest.
 
-    The others are not maps at all, or are masks: maps in mode scale or raw beside maps
-    in mode trinary.
+    The others are not maps at all, or are masks: maps in mode scale or raw, or with
+    keepout or mask in their names, beside other maps in mode trinary.
     """
     modes = {file: _read_mode(file) for file in files}
-    maps = [file for file, mode in modes.items() if mode == "trinary"]
+    maps = [
+        file
+        for file, mode in modes.items()
+        if mode == "trinary" and not _MASK.search(file.stem)
+    ]
     maps = maps or [file for file, mode in modes.items() if mode]
     skipped = [file.name for file in files if file not in maps]
     if skipped:
         note(
-            f"{files[0].parent}: skipped masks (mode scale or raw) and other files "
-            f"that are not maps of obstacles: {join_names(skipped)}"
+            f"{files[0].parent}: skipped masks (mode scale or raw, or keepout or mask "
+            "in the name) and other files that are not maps of obstacles: "
+            f"{join_names(skipped)}; to use one, name the file instead of the folder"
         )
     return maps
 
@@ -379,17 +422,6 @@ def extract_grid(grid: OccupancyMap) -> BoolGrid | None:
             candidates.append(field)
     # If both fit, one of them has an empty last column, without side walls.
     return max(candidates, key=lambda field: bool(field[[0, -1]].all()), default=None)
-
-
-def _encode_pgm(grid: OccupancyMap) -> bytes:
-    """Return a map as the bytes of a binary PGM image, largest y on top."""
-    height, width = grid.data.shape
-    gray = np.select(
-        [grid.data == 0, grid.data > 0], [_FREE_GRAY, _OCCUPIED_GRAY], _UNKNOWN_GRAY
-    )
-    # Images begin with the top row.
-    pixels = gray[::-1].astype(np.uint8).tobytes()
-    return f"P5\n{width} {height}\n255\n".encode() + pixels
 
 
 def _read_image(path: Path) -> tuple[Floats, BoolGrid]:

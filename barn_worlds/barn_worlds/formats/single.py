@@ -40,7 +40,8 @@ def require_ending(path: Path) -> str:
     kind = ending(path)
     if not kind:
         raise WorldError(
-            f"{path}: a world's file name must end in one of {', '.join(ENDINGS)}"
+            f"{path}: a world's file name must end in one of {', '.join(ENDINGS)}; "
+            "routes belong into the YAML file of a map: routes: FILE"
         )
     return kind
 

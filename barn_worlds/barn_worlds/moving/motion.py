@@ -68,14 +68,35 @@ class Motion(Checked):
             self._check_count("coefficients_m", len(self.coefficients_m))
             if self.keys:
                 raise ConfigError("keys must be left out for a polynomial motion")
-            self._check_coefficients()
+            table = _number_table("coefficients_m", self.coefficients_m, 2, "x and y")
+            # At the end of the period all powers of the share are 1.
+            gap_m = max(abs(math.fsum(axis)) for axis in table[1:].T.tolist())
+            if gap_m > CLOSED_M:
+                raise ConfigError(
+                    f"coefficients_m must end within {CLOSED_M:g} m of where they "
+                    f"begin, got {gap_m:g} m"
+                )
         else:
             self._check_count("keys", len(self.keys))
             if self.coefficients_m:
                 raise ConfigError(
                     f"coefficients_m must be left out for a {self.kind} motion"
                 )
-            self._check_keys()
+            times_s = _number_table("keys", self.keys, 3, "time, x and y")[:, 0]
+            for place in np.flatnonzero(times_s < 0.0):
+                raise ConfigError(
+                    f"keys[{place}] must not be before 0 s, got {times_s.min():g} s"
+                )
+            for place in np.flatnonzero(np.diff(times_s) <= 0.0):
+                raise ConfigError(
+                    f"keys[{place + 1}] must be later than the key before, "
+                    f"at {times_s[place]:g} s, got {times_s[place + 1]:g} s"
+                )
+            self.require(
+                self.period_s >= times_s[-1],
+                "period_s",
+                f"must not be shorter than the time of the last key, {times_s[-1]:g} s",
+            )
 
     def pieces(self) -> tuple[Floats, Floats, Floats]:
         """Return the motion as n polynomials: begins, durations and coefficients.
@@ -116,35 +137,6 @@ class Motion(Checked):
             raise ConfigError(
                 f"{name} of a {self.kind} motion must be 2 to {limit}, got {count}"
             )
-
-    def _check_coefficients(self) -> None:
-        """Raise ConfigError unless the polynomial ends where it begins."""
-        table = _number_table("coefficients_m", self.coefficients_m, 2, "x and y")
-        # At the end of the period all powers of the share are 1.
-        gap_m = max(abs(math.fsum(axis)) for axis in table[1:].T.tolist())
-        if gap_m > CLOSED_M:
-            raise ConfigError(
-                f"coefficients_m must end within {CLOSED_M:g} m of where they begin, "
-                f"got {gap_m:g} m"
-            )
-
-    def _check_keys(self) -> None:
-        """Raise ConfigError unless key times rise from 0 s on and fit the period."""
-        times_s = _number_table("keys", self.keys, 3, "time, x and y")[:, 0]
-        for place in np.flatnonzero(times_s < 0.0):
-            raise ConfigError(
-                f"keys[{place}] must not be before 0 s, got {times_s.min():g} s"
-            )
-        for place in np.flatnonzero(np.diff(times_s) <= 0.0):
-            raise ConfigError(
-                f"keys[{place + 1}] must be later than the key before, "
-                f"at {times_s[place]:g} s, got {times_s[place + 1]:g} s"
-            )
-        self.require(
-            self.period_s >= times_s[-1],
-            "period_s",
-            f"must not be shorter than the time of the last key, {times_s[-1]:g} s",
-        )
 
 
 def _number_table(

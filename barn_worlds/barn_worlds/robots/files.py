@@ -5,13 +5,12 @@ docs/robots.md describes the format.
 
 from collections.abc import Mapping
 from dataclasses import MISSING, fields
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.errors import ConfigError, format_value, suggest
-from barn_worlds.base.files import dump_yaml, read_yaml
+from barn_worlds.base.files import dump_yaml, package_data, read_yaml
 from barn_worlds.robots.robot import Chassis, Robot
 from barn_worlds.robots.urdf import read_chassis
 
@@ -44,8 +43,8 @@ _CHASSIS_KEYS = tuple(
 
 def find_robot_files() -> dict[str, Path]:
     """Return the .yaml files of the robots that come with the package, by name."""
-    folder = Path(str(resources.files("barn_worlds"))) / "data" / "robots"
-    return {file.stem: file for file in sorted(folder.glob("*.yaml"))}
+    files = package_data("barn_worlds").glob("robots/*.yaml")
+    return {file.stem: file for file in sorted(files)}
 
 
 def load_robot(robot: str | Path) -> Robot:
@@ -88,8 +87,12 @@ def _read_robot(path: Path) -> Robot:
     drive = _read_section(content, "drive", path)
     if "urdf" in content:
         urdf = content.pop("urdf")
+        if not isinstance(urdf, str) or Path(urdf).name != urdf:
+            raise ConfigError(
+                f"{path}: urdf must name a file beside it, got {format_value(urdf)}"
+            )
         # Keys of the YAML file win over what the URDF gives.
-        from_urdf, lack = _read_urdf(urdf, path)
+        from_urdf, lack = read_chassis(path.parent / urdf)
         chassis = from_urdf | chassis
         missing = [f"'chassis.{key}'" for key in _CHASSIS_KEYS if key not in chassis]
         if missing:
@@ -120,15 +123,6 @@ def _read_section(content: dict[str, Any], key: str, path: Path) -> dict[str, An
             f"got {format_value(section)}"
         )
     return section
-
-
-def _read_urdf(file: object, path: Path) -> tuple[dict[str, Any], str]:
-    """Return `Chassis` fields of the URDF beside a robot's file, and what it lacks."""
-    if not isinstance(file, str) or Path(file).name != file:
-        raise ConfigError(
-            f"{path}: urdf must name a file beside it, got {format_value(file)}"
-        )
-    return read_chassis(path.parent / file)
 
 
 # Read at import: every configuration of the suite starts from one of them.

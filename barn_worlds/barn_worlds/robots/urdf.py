@@ -35,6 +35,7 @@ _XACRO_S = 20.0
 _XACRO_BYTES = 1 << 30  # of memory
 _LARGEST_SHIFT_M = 0.002  # between a wheel and the mirror image of its partner
 _ALONG = 0.99  # least cosine between an axis and the direction that it should have
+_MOMENTS = (("ixx", "ixy", "ixz"), ("ixy", "iyy", "iyz"), ("ixz", "iyz", "izz"))
 _WHEEL = re.compile("wheel|tire|tyre", re.IGNORECASE)
 _CASTER = re.compile("caster|castor|swivel", re.IGNORECASE)
 
@@ -143,14 +144,12 @@ def _read_links(root: Element) -> dict[str, Link]:
         # base_link need not be the root of the tree.
         pose = base.inverse() @ _pose_in_root(name, joints)
         parent, joint = joints.get(name, ("", Element("joint")))
-        axis = joint.find("axis")
-        xyz = "0 0 0" if axis is None else axis.get("xyz", "1 0 0")
         links[name] = Link(
             element,
             pose,
             parent,
             joint.get("type", ""),
-            pose.rotation @ _read_triple(xyz),
+            pose.rotation @ _read_triple(joint, "axis", "xyz"),
         )
     return links
 
@@ -184,7 +183,8 @@ def _read_inertia(links: dict[str, Link]) -> dict[str, Any]:
         pose = link.pose @ _read_origin(inertial)
         masses.append(float(_child(inertial, "mass").attrib["value"]))
         centers.append(pose.offset)
-        tensor = _read_tensor(_child(inertial, "inertia"))
+        moments = _child(inertial, "inertia").attrib
+        tensor = np.array([[float(moments[key]) for key in row] for row in _MOMENTS])
         tensors.append(pose.rotation @ tensor @ pose.rotation.T)
     mass = sum(masses)
     if not 0.0 < mass < math.inf:
@@ -212,33 +212,43 @@ def _read_wheels(links: dict[str, Link]) -> tuple[dict[str, Any], str]:
         return {}, f"no wheels: no continuous joint turns {join_names(names)}"
     if not wheels:
         return {}, "no wheels: no link has wheel, tire or tyre in its name"
-    sizes = {name: _read_size(links[name]) for name in wheels}
-    problems = [(name, _find_misplacement(links, name)) for name in wheels]
-    # A swivel wheel would also look unlike the others, or make them look so.
-    problems += [(name, _find_difference(sizes, name)) for name in wheels]
-    for name, problem in problems:
+    sizes = np.array([_read_size(links[name]) for name in wheels])
+    x, y, z, radius, width = sizes.T
+    for name, size in zip(wheels, sizes, strict=True):
+        problem = _find_misplacement(links, name)
+        # A driven wheel has a partner on the other side; one in the middle is a caster.
+        mirrored = size[:3] * [1.0, -1.0, 1.0]
+        off_m = np.abs(sizes[:, :3] - mirrored).max(axis=1).min()
+        if off_m > _LARGEST_SHIFT_M or abs(size[1]) <= _LARGEST_SHIFT_M:
+            problem = problem or "has no partner on the other side"
         if problem:
             raise ValueError(
                 f"wheel {name!r:.60} {problem}; if it is a caster, name it so and give "
                 "casters_m"
             )
-    x, y, z, radius, width = np.array(list(sizes.values())).T
-    front = float(x.max())
-    rear = float(x.min())
+    # A wheel whose radius is unknown is like the others.
+    radius = np.where(radius > 0.0, radius, radius.max())
+    for what, values_m in (("y", np.abs(y)), ("z", z), ("radius", radius)):
+        if np.ptp(values_m) > _LARGEST_SHIFT_M:
+            raise ValueError(
+                f"{join_names(wheels)} must be alike, but have {what} "
+                f"{values_m.round(4).tolist()} m; name casters so and give casters_m"
+            )
     fields = {
         "track_m": float(np.ptp(y)),
         "wheel_z_m": float(z.mean()),
-        "wheelbase_m": front - rear,
-        "axle_x_m": 0.5 * (front + rear),
+        "wheelbase_m": float(np.ptp(x)),
+        "axle_x_m": 0.5 * float(x.max() + x.min()),
     }
-    # A wheel of another shape has size 0, and is like the others.
     if radius.any():
-        fields["wheel_radius_m"] = float(radius.max())
+        fields["wheel_radius_m"] = float(radius[0])
     if width.any():
         fields["wheel_width_m"] = float(width.max())
         return fields, ""
-    size = "width" if radius.any() else "size"
-    return fields, f"no {size} of the wheels: none has a cylinder for its collision"
+    size_name = "width" if radius.any() else "size"
+    return fields, (
+        f"no {size_name} of the wheels: none has a cylinder for its collision"
+    )
 
 
 def _read_size(wheel: Link) -> list[float]:
@@ -273,45 +283,17 @@ def _find_misplacement(links: dict[str, Link], name: str) -> str:
     return ""
 
 
-def _find_difference(sizes: dict[str, list[float]], name: str) -> str:
-    """Return in words how a wheel differs from the others, or ""."""
-    # A driven wheel has a partner on the other side; one in the middle is a caster.
-    x, y, z, radius, _ = sizes[name]
-    positions = np.array(list(sizes.values()))[:, :3]
-    off_m = np.abs(positions - [x, -y, z]).max(axis=1).min()
-    if off_m > _LARGEST_SHIFT_M or abs(y) <= _LARGEST_SHIFT_M:
-        return "has no partner on the other side"
-    for other, (_, other_y, other_z, other_radius, _) in sizes.items():
-        shift_m = max(abs(abs(y) - abs(other_y)), abs(z - other_z))
-        if radius and other_radius:
-            shift_m = max(shift_m, abs(radius - other_radius))
-        if shift_m > _LARGEST_SHIFT_M:
-            return (
-                f"is unlike {other!r:.60}: y, z and radius are {y:.4g}, {z:.4g} and "
-                f"{radius:.4g} m, not {other_y:.4g}, {other_z:.4g} and "
-                f"{other_radius:.4g} m"
-            )
-    return ""
-
-
 def _read_origin(parent: Element) -> Transform:
     """Return the pose in an element's <origin>, the identity if it has none."""
-    origin = parent.find("origin")
-    attributes = {} if origin is None else origin.attrib
-    roll, pitch, yaw = _read_triple(attributes.get("rpy", "0 0 0")).tolist()
-    return Transform(
-        _read_triple(attributes.get("xyz", "0 0 0")), rotation_matrix(roll, pitch, yaw)
-    )
+    roll, pitch, yaw = _read_triple(parent, "origin", "rpy").tolist()
+    offset = _read_triple(parent, "origin", "xyz")
+    return Transform(offset, rotation_matrix(roll, pitch, yaw))
 
 
-def _read_tensor(inertia: Element) -> Floats:
-    """Return the inertia tensor (3, 3) in kg m2 of an <inertia> element."""
-    keys = [["ixx", "ixy", "ixz"], ["ixy", "iyy", "iyz"], ["ixz", "iyz", "izz"]]
-    return np.array([[float(inertia.attrib[key]) for key in row] for row in keys])
-
-
-def _read_triple(text: str) -> Floats:
-    """Return three finite numbers (3,) of a text, else raise ValueError."""
+def _read_triple(parent: Element, tag: str, key: str) -> Floats:
+    """Return three finite numbers (3,) of a child's attribute, 0 if it is missing."""
+    child = parent.find(tag)
+    text = "0 0 0" if child is None else child.get(key, "0 0 0")
     numbers = np.array([float(word) for word in text.split()])
     if numbers.shape != (3,) or not np.isfinite(numbers).all():
         raise ValueError(f"must be three numbers: {text!r}")

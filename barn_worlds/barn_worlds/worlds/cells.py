@@ -160,7 +160,19 @@ def world_map(
         data[columns_y + front, rows_x] = OCCUPIED
         return OccupancyMap(data, cell_m, *origin)
 
-    height, width = _map_shape(length * cell_m, rows * cell_m, resolution_m)
+    if not (math.isfinite(resolution_m) and resolution_m >= _SMALLEST_MAP_CELL_M):
+        raise WorldError(
+            f"resolution of a map must be at least {_SMALLEST_MAP_CELL_M} m, "
+            f"got {resolution_m}"
+        )
+    # The last cells may reach beyond the world.
+    height = math.ceil(length * cell_m / resolution_m - 1e-6)
+    width = math.ceil(rows * cell_m / resolution_m - 1e-6)
+    if height * width > LARGEST_MAP:
+        raise WorldError(
+            f"a map of {height} x {width} cells is too large, "
+            f"at most {LARGEST_MAP} cells; use a coarser one"
+        )
     data = np.zeros((height, width), np.int8)
     centers: Points = np.asarray((cells + 0.5) * cell_m, np.float64)
     if corner_m is None:
@@ -168,25 +180,6 @@ def world_map(
         centers -= np.array(origin)
     _occupy_discs(data, centers, cell_m / 2.0, resolution_m)
     return OccupancyMap(data, resolution_m, *origin)
-
-
-def _map_shape(length_m: float, width_m: float, resolution_m: float) -> tuple[int, int]:
-    """Return a map's numbers of cells along y, x; WorldError if too fine or large."""
-    if not (math.isfinite(resolution_m) and resolution_m >= _SMALLEST_MAP_CELL_M):
-        raise WorldError(
-            f"resolution of a map must be at least {_SMALLEST_MAP_CELL_M} m, "
-            f"got {resolution_m}"
-        )
-
-    # The last cells may reach beyond the world.
-    height = math.ceil(length_m / resolution_m - 1e-6)
-    width = math.ceil(width_m / resolution_m - 1e-6)
-    if height * width > LARGEST_MAP:
-        raise WorldError(
-            f"a map of {height} x {width} cells is too large, "
-            f"at most {LARGEST_MAP} cells; use a coarser one"
-        )
-    return height, width
 
 
 def occupy_wall(occupancy_map: OccupancyMap, wall: Wall) -> None:
