@@ -9,13 +9,6 @@ from trial_sources import Trials
 
 from barn_metrics.model import ModelError
 from barn_metrics.model.inputs import input_names, inputs_of
-from barn_worlds.datasets.dataset import open_dataset
-
-
-@pytest.fixture(scope="module")
-def worlds():
-    dataset = open_dataset("barn300")
-    return {number: dataset.load(number) for number in dataset.world_numbers[::6]}
 
 
 def make_trials(worlds, repetitions=4, noise=0.1):

@@ -9,7 +9,7 @@ from evaluation import EvaluationConfig, evaluate
 from judge_difficulty import main as judge
 from refusals import refused
 from reproduce_work import experiment_of, write_invented
-from test_difficulty_judging import make_trials, worlds  # noqa: F401 (a fixture)
+from test_difficulty_judging import make_trials
 from trial_sources import join_trials, load_trials, read_trials
 
 from barn_eval.analysis.sources import read_source
@@ -133,7 +133,7 @@ def test_mistakes_are_named(source):
     assert "ridge" in output and "highest R2 that these trials allow" in output
 
 
-def test_campaigns_are_joined_by_world_whatever_their_numbers(worlds):  # noqa: F811 (a fixture)
+def test_campaigns_are_joined_by_world_whatever_their_numbers(worlds):
     trials = make_trials(worlds, repetitions=1)
     even_worlds = {index: worlds[index] for index in list(worlds)[::2]}
     odd_worlds = {index: worlds[index] for index in list(worlds)[1::2]}

@@ -11,7 +11,7 @@ from evaluation import (
     noise_ceiling,
 )
 from refusals import refused
-from test_difficulty_judging import make_trials, worlds  # noqa: F401 (a fixture)
+from test_difficulty_judging import make_trials
 
 from barn_metrics.model import ModelError, load_model, save_model
 from barn_metrics.model.inputs import inputs_of
@@ -29,7 +29,7 @@ from network_training import (  # noqa: E402
 )
 
 
-def test_training_repeats_and_numpy_evaluates_it_as_torch_does(worlds):  # noqa: F811 (a fixture)
+def test_training_repeats_and_numpy_evaluates_it_as_torch_does(worlds):
     few = {number: worlds[number] for number in list(worlds)[::2]}
     inputs = inputs_of(few.values())
     trials = make_trials(few)
@@ -49,7 +49,7 @@ def test_training_repeats_and_numpy_evaluates_it_as_torch_does(worlds):  # noqa:
     assert training.network()(inputs) == pytest.approx(theirs, rel=1e-4, abs=1e-4)
 
 
-def test_training_is_repeatable_and_its_model_stored_and_checked(worlds, tmp_path):  # noqa: F811 (a fixture)
+def test_training_is_repeatable_and_its_model_stored_and_checked(worlds, tmp_path):
     worlds = {number: worlds[number] for number in list(worlds)[::3]}
     trials = make_trials(worlds)
     model = train_model(worlds, trials)
@@ -69,7 +69,7 @@ def test_training_is_repeatable_and_its_model_stored_and_checked(worlds, tmp_pat
     assert all(prediction.std_s_per_m > 0.0 for prediction in predicted[:3])
 
 
-def test_both_kinds_are_judged_on_the_same_folds(worlds):  # noqa: F811 (a fixture)
+def test_both_kinds_are_judged_on_the_same_folds(worlds):
     trials = make_trials(worlds)
     five, routes = judge_networks(worlds, trials, EvaluationConfig(folds=3, repeats=1))
     assert min(five.r2.estimate, routes.r2.estimate) > 0.5
@@ -81,7 +81,7 @@ def test_both_kinds_are_judged_on_the_same_folds(worlds):  # noqa: F811 (a fixtu
     assert noise_ceiling(trials).estimate > 0.5
 
 
-def test_nothing_is_trained_on_worlds_held_out_under_any_name(worlds):  # noqa: F811 (a fixture)
+def test_nothing_is_trained_on_worlds_held_out_under_any_name(worlds):
     held_out = open_dataset("barn_test")
     renamed = {
         number: replace(held_out.load(number), name=f"mine_{number}")
@@ -102,7 +102,7 @@ def test_nothing_is_trained_on_worlds_held_out_under_any_name(worlds):  # noqa: 
     assert judged.training_mse == shipped.about["training_mse"]
 
 
-def test_training_needs_worlds(worlds):  # noqa: F811 (a fixture)
+def test_training_needs_worlds(worlds):
     trials = make_trials(worlds)
     few = trials.in_worlds(trials.world_numbers[:9])
     with refused("at least 10 worlds with trials of every planner, got 9", ModelError):

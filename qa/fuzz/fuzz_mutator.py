@@ -1,9 +1,11 @@
 """Mutations of bytes and of plain data, all from a generator that is passed in."""
 
+import json
 import random
 import re
 import struct
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 LONGEST = 1 << 20
@@ -12,18 +14,8 @@ NUMBERS: tuple[Any, ...] = (
     0, -1, 1, 2, 127, 255, 256, 32767, 65535, 2**31 - 1, -(2**31), 2**32, 2**53, 2**63 - 1, 2**63, -(2**63) - 1, 10**30,
     10**400, 0.0, -0.0, 0.1, 1e-320, 1e30, 1e308, -1e308, float("inf"), float("-inf"), float("nan"),
 )  # fmt: skip
-_LONG_TEXTS = ("a" * 300, "x" * 6000, "9" * 5000)
-_TEXTS = (
-    "~ ~0~\ud800~\u202e\0\x07~<script>~../../etc/passwd~/dev/zero~%s{0}~é\n\r\t~1e999~dwa"
-    "~all~0-9~barn300~nan~true~null"
-)
-TEXTS = (*_TEXTS.split("~"), *_LONG_TEXTS)
-_TOKENS = (
-    "- ~? ~&a ~*a~<<: ~!!int ~!!binary ~!!set ~!!python/object:os.system ~---\n~2001-13-99"
-    "~1e400~-1~NaN~Infinity~null~\\ud800~\ufeff~P5\n9999999 9999999\n255\n~<!DOCTYPE x>"
-    "~<![CDATA[~]]>~&amp;~&#0;~</world>~<model name='~<pose>~/>~<!--~<?xml ~inf inf inf"
-    "~descr~shape~fortran_order~|O~<f8"
-)
+_HOSTILE = json.loads(Path(__file__).with_name("hostile_texts.json").read_text("utf-8"))
+TEXTS = (*_HOSTILE["texts"], "a" * 300, "x" * 6000, "9" * 5000)
 _LONG_TOKENS = (
     "0x" + "f" * 4000,
     "1:" * 50 + "1",
@@ -32,10 +24,7 @@ _LONG_TOKENS = (
     "{a: " * 80,
     "<a>" * 120,
 )
-TOKENS = tuple(
-    token.encode()
-    for token in (*"\"'\\{}[],:\n\r\0#%|", *_TOKENS.split("~"), *_LONG_TOKENS)
-)
+TOKENS = tuple(token.encode() for token in (*_HOSTILE["tokens"], *_LONG_TOKENS))
 
 
 def mutate_bytes(draw: random.Random, data: bytes, donors: Sequence[bytes]) -> bytes:

@@ -164,9 +164,9 @@ def conclude_bands(entries: Sequence[Entry], bands: Sequence[Band]) -> dict[str,
     rankings = {}
     for band in bands:
         # Bands consist of worlds, not trials, so all planners have the same ones.
-        results = {}
-        for entry in entries:
-            results[entry.label] = rows_in_worlds(entry.results, band.worlds)
+        results = {
+            entry.label: rows_in_worlds(entry.results, band.worlds) for entry in entries
+        }
         # A band may have no trial that all planners have.
         with suppress(ConfigError):
             rankings[band.name] = rank_results(results, measure)

@@ -131,7 +131,7 @@ def _read_links(root: Element) -> dict[str, Link]:
     if "base_link" not in elements or len(elements) > _MOST_LINKS:
         raise ValueError(
             f"must have a link base_link, and 1 to {_MOST_LINKS} links"
-            f"{suggest('base_link', elements) if elements else ', but has none'}"
+            f"{suggest('base_link', elements)}"
         )
     # Parent and element of each joint by its child link.
     joints: dict[str, tuple[str, Element]] = {}

@@ -20,6 +20,7 @@ from barn_eval.pages.replay.payload import (
     pack_small,
 )
 from barn_eval.results.bags.movers import compute_gaps
+from barn_eval.results.row_table import join
 from barn_eval.results.rows import TRACKS_FILE
 from barn_eval.results.tracks import (
     CHANNELS,
@@ -199,7 +200,7 @@ def page_data(
         its planner and its world, how it ended, and the cells of the table but for the
         planner.
     """
-    results = [trial.result for trial in trials]
+    results = join([entry.results for entry in entries])
     measure_keys = keys or with_moving_measures(SHOWN["report trials"], results)
     columns: list[tuple[Any, ...]] = []
     for name, digits in _COLUMNS.items():
@@ -224,16 +225,11 @@ def page_data(
             }
         )
     numbers = {entry: number for number, entry in enumerate(entries)}
-    worlds: dict[str, str] = {}
-    for result in results:
-        worlds.setdefault(result.world_checksum, result.world_name)
+    worlds = {trial.result.world_checksum: trial.result.world_name for trial in trials}
     places = {checksum: place for place, checksum in enumerate(worlds)}
-    figures = []
-    for key in measure_keys:
-        parts = [MEASURES[key].raw_values(entry.results) for entry in entries]
-        figures.append(np.concatenate(parts))
+    figures = [MEASURES[key].raw_values(results) for key in measure_keys]
     rows = []
-    for trial, values in zip(trials, np.stack(figures, axis=1).tolist(), strict=True):
+    for trial, values in zip(trials, np.transpose(figures).tolist(), strict=True):
         result = trial.result
         row: list[Any] = [
             result.trial_id,
