@@ -33,6 +33,8 @@ _STATUS_VERSION = 1
 class SimulatorChannel:
     """The evaluator's end of the private line to the simulator.
 
+    `barn_sim.ros.leader`, which is at the other end, documents its messages.
+
     Readings and answers come from the simulator alone: nobody else can send on it.
     """
 
@@ -299,7 +301,10 @@ class SimulatorClient:
 
 
 def _read_status(text: str) -> dict[str, int]:
-    """Return counts in an answer of the suite's simulator; {} of any other text."""
+    """Return whole numbers in an answer of the suite's simulator, {} of other texts.
+
+    They are counts, the version of the answer, and flags as 0 and 1.
+    """
     with suppress(ValueError):
         status = json.loads(text)
         if isinstance(status, dict) and status.get("version") == _STATUS_VERSION:

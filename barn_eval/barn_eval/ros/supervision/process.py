@@ -192,9 +192,9 @@ class SupervisedProcess:
         """Order the launcher to end the process, once, without waiting."""
         if not self.stopping:
             self.stopping = True
-            self.stop_now()
+            self.send_stop()
 
-    def stop_now(self) -> None:
+    def send_stop(self) -> None:
         """Send an order to stop; from the second on, the launcher kills at once."""
         self._events.send("stop")
 

@@ -212,7 +212,7 @@ class _Supervisor:
         except BaseException:
             # Interrupted again: no more patience.
             for process in self._processes.values():
-                process.stop_now()
+                process.send_stop()
             raise
         self._processes.clear()
         self._simulator_line.close()

@@ -78,7 +78,7 @@ def test_a_second_stop_takes_no_patience(tmp_path):
     process.ask_to_stop()
     time.sleep(0.1)
     assert alive(pids[0])
-    process.stop_now()
+    process.send_stop()
     process.stop()
     assert process.end == "was killed by SIGKILL"
     assert not any(map(alive, pids))
