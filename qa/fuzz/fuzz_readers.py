@@ -356,7 +356,10 @@ def _message(kind: str, time: int) -> Any:
         transform_type = "geometry_msgs/msg/TransformStamped"
         transform = make_message(transform_type, child_frame_id="laser")
         return make_message(kind, transforms=[transform])
-    return make_message(kind)
+    message = make_message(kind)
+    if kind == "nav_msgs/msg/Odometry":
+        message.pose.pose.orientation.w = 1.0
+    return message
 
 
 def _bag(path: Path) -> None:

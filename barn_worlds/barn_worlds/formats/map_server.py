@@ -5,6 +5,7 @@ a pixel that is not opaque is unknown, whatever its color.
 """
 
 import io
+import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
@@ -298,9 +299,10 @@ def read_map(path: Path, map_file: MapFile | None = None) -> OccupancyMap:
     """
     map_file = map_file or read_map_file(path)
     image = path.parent / map_file.image
-    if not image.exists():
+    # Path.exists would raise an error for names that are too long.
+    if not os.path.exists(image):  # noqa: PTH110
         # Maps that were copied may still name where their image was.
-        names = [file.name for file in path.parent.iterdir()]
+        names = os.listdir(path.parent)  # noqa: PTH208
         raise WorldError(
             f"{path}: image: {map_file.image!r:.200} does not exist; put the image "
             f"there, or change image{suggest_similar(image.name, names)}"

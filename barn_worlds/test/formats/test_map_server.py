@@ -208,6 +208,7 @@ def test_any_other_map_is_taken_as_it_is_in_its_place(tmp_path):
             "image: 'none.pgm' does not exist; put .*, or change image; did you mean 'm.pgm'",
         ),
         (("image: m.pgm", "image: ..."), "image: '...' does not exist"),
+        (("image: m.pgm", f"image: {'9' * 300}"), "image: '999.*does not exist"),
         (("image: m.pgm", "image: [m]"), "image must be text"),
         (("image: m.pgm\n", ""), "missing key 'image'"),
         (
