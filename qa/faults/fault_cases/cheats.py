@@ -248,15 +248,18 @@ def enters_another_domain(lab: Lab) -> str:
     The other run's trial ends as interference and names the guest:
     [Fairness](fairness.md#left-to-the-organizer) says what helps.
     """
+    # Both last, so that the guest comes while the other planner drives.
+    slow = ("--workers", 1, "--ros", "lockstep=false", "--ros", "real_time_factor=0.1")
     second = ros(
         lab,
         *by_command(SCRIPT, "enters", lab.folder, lab.folder / "second", _DOMAIN),
+        *slow,
         command_s=200,
+        limit_s=8.0,
     )
     second[second.index("--out") + 1] = lab.folder / "second"
     second_run = lab.start(*second)
     lab.until((lab.folder / "ready").exists, "the guest")
-    slow = ("--workers", 1, "--ros", "lockstep=false", "--ros", "real_time_factor=0.1")
     victim = ros(
         lab,
         *by_command(FOREIGN, lab.folder / "starts", "dozes"),
