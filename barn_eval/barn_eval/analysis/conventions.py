@@ -163,6 +163,7 @@ def _place(
 
 def _mean(values: Sequence[float]) -> float | None:
     """Return the mean; None without values, or if one is not finite."""
+    # Of nothing, the mean would be a warning.
     mean = float(np.mean(values or math.nan))
     return mean if math.isfinite(mean) else None
 

@@ -46,6 +46,7 @@ def robots(robot: str | None, out: Path | None, as_json: bool) -> None:
             }
             for details in ROBOTS.values()
         ]
+        # All but name and drive are numbers.
         _print_entries(as_json, entries, list(entries[0])[2:])
         return
 

@@ -314,12 +314,13 @@ def results_table(results: Rows) -> pa.Table:
     if systems(results):
         columns += _columns(ObservedTrial)
 
-    return _make_table(map(_row_content, results), pa.schema(columns))
+    contents = map(_row_content, results, column(results, "waited_s"))
+    return _make_table(contents, pa.schema(columns))
 
 
-def _row_content(result: TrialResult) -> dict[str, Any]:
+def _row_content(result: TrialResult, waited_s: float) -> dict[str, Any]:
     """Return a row as a flat dict of columns, which may be more than a table has."""
-    row: dict[str, Any] = {"waited_s": column([result], "waited_s")[0]}
+    row: dict[str, Any] = {"waited_s": waited_s}
     for name, value in result.repeatable().items():
         row |= value if isinstance(value, dict) else {name: value}
     if result.motion is not None:

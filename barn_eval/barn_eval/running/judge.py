@@ -194,6 +194,7 @@ def _split(drive: ObservedDrive) -> Iterator[Segment]:
     count = len(drive.poses)
     if not drive.goals:
         yield Segment(drive, 0, count, None)
+    # As complex numbers, whose differences have distances as absolute values.
     places_m = np.array(
         [complex(item.content.pose.x, item.content.pose.y) for item in drive.poses]
     )
@@ -201,6 +202,7 @@ def _split(drive: ObservedDrive) -> Iterator[Segment]:
     last = 0
     for goal in drive.goals:
         first = min(drive.index_at(goal.log_ns - 1) + 1, count - 1)
+        # The same pose in the same frame, whenever it was sent.
         if goals and goals[last][1:] == goal[1:]:
             away_m = abs(places_m[last : first + 1] - places_m[last])
             if away_m.max(initial=0.0) < 2.0 * _BACK_M or away_m[-1] > _BACK_M:
