@@ -196,9 +196,10 @@ def _run_by_hand(node: Node, config: EvaluatorConfig) -> int:
             f"{len(remaining)} of {folder.total} trials to do, protocol {protocol.name}"
         )
         if remaining:
-            source = config.system or config.simulator_node
+            simulator = f"{config.simulator_node} (ros2 run barn_sim simulator)"
             log.notify(
-                f"waiting for {source} and for a planner on {context.topics.command}"
+                f"waiting for {config.system or simulator} "
+                f"and for a planner on {context.topics.command}"
             )
         progress = RunProgress(folder.total, folder.results(), log)
 

@@ -35,6 +35,7 @@ from barn_eval.trials.protocol import CHALLENGE, DYNABARN, PAPER_2020
 from barn_eval.trials.result import Outcome
 from barn_eval.trials.run_config import RunConfig
 from barn_eval.trials.spec import simulator_config
+from barn_worlds.base.arrays import COMPILING_NOTE
 from barn_worlds.base.types import Pose2D
 from barn_worlds.geometry.bodies import wall_bodies
 from barn_worlds.geometry.footprint import Footprint
@@ -407,7 +408,10 @@ def test_the_nodes_started_by_hand(tmp_path, monkeypatch):
                 node.stop()
     log = nodes[2].log.read_text()
     assert "1 of 1 trials to do, protocol challenge" in log
-    assert "waiting for /jackal and for a planner on /drive" in log
+    simulator = "/jackal (ros2 run barn_sim simulator)"
+    assert f"waiting for {simulator} and for a planner on /drive" in log
+    for node in nodes[:2]:
+        assert COMPILING_NOTE in node.log.read_text()
     assert "[1/1] mine_w0003_r00: success in " in log
     assert re.search(r"success 100 %, mean challenge 0\.\d+\n", log)
     assert f"results in {tmp_path}/run; for a report: barn report" in log

@@ -34,6 +34,7 @@ from barn_planners.registry import planner_config, planner_entry
 from barn_planners.runtime.messages import PlannerMessages
 from barn_planners.runtime.planner_runtime import PlannerRuntime, goal_problem
 from barn_planners.runtime.synchronizer import SyncConfig, Synchronizer
+from barn_worlds.base.arrays import COMPILING_NOTE
 from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.errors import BarnError, ExitCode
 from barn_worlds.base.types import STOP, OccupancyMap, Odometry, Pose2D, Scan
@@ -138,6 +139,7 @@ class PlannerNode(Node):
         refuse_invalid_changes(self, self._planner_config)
 
         self._synchronizer = Synchronizer(sync, use_pose=config.use_map)
+        self.get_logger().info(COMPILING_NOTE)
         self._runtime = self._make_runtime()
         self._planning_frame = config.frames.planning
         self._messages = PlannerMessages(

@@ -31,6 +31,7 @@ from barn_sim.ros.rhythm import Rhythm
 from barn_sim.ros.topics import CommandInput, Outputs, diagnosis
 from barn_sim.ros.trial import SimulatedTrial, begin_trial
 from barn_sim.simulator import warm_up
+from barn_worlds.base.arrays import COMPILING_NOTE
 from barn_worlds.base.errors import BarnError, ExitCode, TippedError
 from barn_worlds.base.types import (
     NANOSECONDS_PER_SECOND,
@@ -101,6 +102,7 @@ class SimulatorNode(Node):
             line = PrivateLine(descriptor, lambda: not self.stopping)
         warn_about_unknown_parameters(self)
 
+        self.get_logger().info(COMPILING_NOTE)
         warm_up()
         self._rhythm = Rhythm(self._config.planner_rate_hz)
         self.trial = begin_trial(self._defaults, self._config, self._rhythm)

@@ -36,6 +36,11 @@ def unit_vectors(angles: AnyArray) -> Floats:
     return np.stack([np.cos(angles), np.sin(angles)], axis=1)
 
 
+# What a node logs before it calls its first kernels.
+COMPILING_NOTE = (
+    "loading kernels; on the first start on a machine, compiling them takes a minute"
+)
+
 _Function = TypeVar("_Function", bound=Callable[..., object])
 
 
