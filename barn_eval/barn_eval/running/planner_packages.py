@@ -31,6 +31,9 @@ _DEPTH = 4
 _BUILD_FOLDERS = frozenset(["build", "install", "log"])
 _SCRIPT = re.compile(r"\s*([\w.-]+)\s*=\s*([\w.]+:\w+)\s*")
 _PROGRAMS = re.compile(r"install\s*\(\s*PROGRAMS\s([^)]*?)\sDESTINATION", re.DOTALL)
+_NAME = re.compile(r"<name>\s*([\w-]+)\s*</name>")
+_PROJECT = re.compile(r"project\s*\(\s*([\w.-]+)", re.IGNORECASE)
+_VARIABLE = re.compile(r'set\s*\(\s*(\w+)\s+"?([\w.-]+)"?\s*\)', re.IGNORECASE)
 _COMPILED = re.compile(r"add_executable\s*\(\s*([\w${}.-]+)")
 _NO_EXECUTABLES = (
     "no console_scripts in setup.py or setup.cfg, no install(PROGRAMS) in"
@@ -296,8 +299,9 @@ def _explain_compiled(packages: Sequence[Path]) -> str:
 
 
 def _package_name(package: Path) -> str:
-    """Return the name that package.xml gives, else the folder's."""
-    match = re.search(r"<name>\s*([\w-]+)\s*</name>", _read(package / _MANIFEST))
+    """Return a package's name in package.xml or CMakeLists.txt, else the folder's."""
+    match = _NAME.search(_read(package / _MANIFEST))
+    match = match or _PROJECT.search(_read(package / _CMAKE))
     return match[1] if match else package.name
 
 
@@ -318,11 +322,15 @@ def _read(path: Path) -> str:
 
 
 def _read_cmake(package: Path) -> str:
-    """Return a package's CMake file without comments, the project's name filled in."""
+    """Return a package's CMake file without comments, its plain variables filled in."""
     text = re.sub(r"#.*", "", _read(package / _CMAKE))
-    project = re.search(r"project\s*\(\s*([\w.-]+)", text, re.IGNORECASE)
-    name = project[1] if project else _package_name(package)
-    return text.replace("${PROJECT_NAME}", name)
+    variables = {
+        "PROJECT_NAME": _package_name(package),
+        **dict(_VARIABLE.findall(text)),
+    }
+    for name, value in variables.items():
+        text = text.replace(f"${{{name}}}", value)
+    return text
 
 
 def _read_executables(package: Path) -> list[Executable]:

@@ -226,10 +226,11 @@ COMPILED = "add_executable(planner_node src/planner.cpp)\n"
         (
             {
                 "CMakeLists.txt": "project(turns)\n# add_executable(old a.cpp)\n"
-                "add_executable(${PROJECT_NAME}_node b.cpp)\n"
+                'set(KIND "node")\nadd_executable(${PROJECT_NAME}_${KIND} b.cpp)\n',
+                "package.xml": "",
             },
             "",
-            "turns_node of .* is compiled",
+            'turns_node of .* is compiled; .* "ros2 run turns turns_node"',
         ),
         (
             {
