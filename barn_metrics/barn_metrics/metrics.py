@@ -61,7 +61,7 @@ FORMULAS: dict[str, Formula] = {
 
 
 def as_formula(formula: Formula | str) -> Formula:
-    """Return the formula with a name, ConfigError if there is none, or the given one.
+    """Return the formula of a name, or a `Formula` unchanged; ConfigError if unknown.
 
     Raises:
         ConfigError: If the name is unknown.
@@ -168,7 +168,7 @@ def closest_obstacle(cspace: BoolGrid) -> Floats:
 
 
 def tortuosity(path: Cells) -> float:
-    """Return a path's arc over chord (>= 1): 1 if it stays in a cell, inf for a loop."""
+    """Return a path's arc over chord (>= 1), 1 within one cell, inf for a loop."""
     arc = float(side_lengths(path).sum())
     row_chord, column_chord = (path[-1] - path[0]).tolist()
     chord = math.hypot(row_chord, column_chord)
