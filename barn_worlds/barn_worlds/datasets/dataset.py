@@ -89,11 +89,11 @@ class Dataset:
     def _load_for_robot(
         self, world_number: int, robot: Robot, course: Sequence[float]
     ) -> World:
-        """Load a world of this data set and return it as a robot drives it."""
+        """Return a world scaled to a robot, with a path for it (`fit_to_robot`)."""
         return fit_to_robot(self.load_scaled(world_number, robot), robot, course)
 
     def load_scaled(self, world_number: int, robot: Robot) -> World:
-        """Return a world scaled to a robot: maneuvers always, shipped if too narrow.
+        """Return a world, scaled to a robot if a maneuver, or shipped and too narrow.
 
         Every maneuver has the robot's size. A world of another shipped data set is
         scaled up, with a note, only if it is too narrow for the robot.
@@ -275,7 +275,7 @@ def _open_folder(path: Path, robot: Robot) -> Dataset:
 
 
 def _open_worlds(name: str, files: Sequence[Path], robot: Robot) -> Dataset:
-    """Return a data set of worlds read on demand: one per file, or route if any."""
+    """Return a data set, a world per route if map files name any, else per file."""
     numbers = [single.number_in(file) for file in files]
     is_unique = None not in numbers and len(set(numbers)) == len(files)
     readers: dict[int, Callable[[], World]] = {}
@@ -312,7 +312,7 @@ _PART = re.compile(r"(\d{1,9})(?:-(\d{1,9})|:(\d{1,9})(?::(\d{1,9}))?)?")
 def select_worlds(
     spec: str | int | Iterable[int], world_numbers: Iterable[int]
 ) -> list[int]:
-    """Return the numbers that "0-49,60" or "all" select; WorldError if one is missing.
+    """Return the numbers of "60,0-9" or "all", in this order; WorldError if one is missing.
 
     Each number occurs once.
 
@@ -347,7 +347,10 @@ def select_worlds(
 
 
 def _select_part(part: str, numbers: Sequence[int]) -> Iterator[int]:
-    """Yield a part's numbers; WorldError if none exist or gapless ones lack one."""
+    """Yield the numbers that one part of a selection has; WorldError if not allowed.
+
+    A range needs one existing number; among numbers without gaps, all must exist.
+    """
     if part == "all":
         yield from numbers
         return

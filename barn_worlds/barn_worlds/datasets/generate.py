@@ -306,7 +306,7 @@ def write_ordered(
 def automaton_grids(
     parameters: WorldParameters, generator: np.random.Generator
 ) -> Iterator[BoolGrid]:
-    """Yield the random grid, with filled end rows, and that after each iteration.
+    """Yield a random grid, then that after each smoothing, both end rows always filled.
 
     Args:
         parameters: Fill, cellular automaton and size.
@@ -325,7 +325,7 @@ def automaton_grids(
 
 @strict_kernel
 def smooth(grid: BoolGrid, fill_threshold: int, clear_threshold: int) -> BoolGrid:
-    """Return a new grid after one iteration of the cellular automaton.
+    """Return a new grid after one step of the cellular automaton on all cells at once.
 
     Cells above the first and below the last row count as filled, corners included.
     Cells beside the first and the last column count as free.

@@ -94,7 +94,7 @@ class CoursePlan:
         return figure
 
     def _draw(self, axes: Axes, low: Floats, high: Floats) -> None:
-        """Draw the course between two corners (2,) onto axes."""
+        """Draw the course onto axes, and limit the axes to two corners (2,) in m."""
         scene = scene_of(self.world, self.start, self.goal, self.goal_distance_m)
         size_m = self.config.size_m
         if self.config.shape == "box":

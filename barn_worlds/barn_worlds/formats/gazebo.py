@@ -66,7 +66,7 @@ class GazeboFile:
         return cls(read_maybe_gzipped(path, LARGEST_WORLD_FILE), str(path))
 
     def course(self) -> list[float]:
-        """Return x, y, yaw of start and goal (6,), [] without; WorldError for only one."""
+        """Return x, y, yaw of start, then goal; [] for neither, WorldError for one."""
         course: list[float] = []
         for name in ("start", "goal"):
             if self._world.element.find(f"frame[@name='{name}']") is None:
@@ -158,7 +158,7 @@ class GazeboFile:
 
     @cached_property
     def cylinders(self) -> tuple[Points, list[float]]:
-        """Centers (n, 2) and radii (m) of cylinders; saved states win over <pose>."""
+        """Centers (n, 2) and n radii (m), by any saved state; WorldError if none."""
         cylinders: list[tuple[float, float, float]] = []
         try:
             for model, scale in self._world.models():
@@ -177,7 +177,7 @@ class GazeboFile:
 
     @cached_property
     def _world(self) -> Scope:
-        """The world as Gazebo loads it: with the changes of its saved state."""
+        """The world after its saved state's changes; WorldError for foreign parts."""
         worlds = self._root.findall("world")
         if len(worlds) > 1:
             raise self._error(f"has {len(worlds)} worlds; keep only one")
@@ -272,7 +272,7 @@ class GazeboFile:
 
 
 def fill_hollow(visible: BoolGrid, free: tuple[int, int] | None = None) -> BoolGrid:
-    """Return a grid with enclosed gaps filled where the file allows it, not at `free`.
+    """Return a copy with enclosed gaps filled where the file allows it, not at `free`.
 
     A file leaves out filled cells whose 8 neighbors are all filled. An enclosed gap may
     consist of such cells or be empty: the file looks the same. But if filling a gap

@@ -30,7 +30,7 @@ from barn_worlds.base.errors import (
     ConfigError,
     WorldError,
     format_error,
-    join_names,
+    list_names,
     note,
     suggest_similar,
 )
@@ -89,7 +89,7 @@ class MapRoute(Checked):
     waypoints: Any = None  # declared so that the error can name it
 
     def __post_init__(self) -> None:
-        """Raise ConfigError for waypoints and for a goal of 1 or more than 3 numbers."""
+        """Raise ConfigError for waypoints, and unless the goal has 2 or 3 numbers."""
         super().__post_init__()
         self.require(
             self.waypoints is None,
@@ -228,7 +228,7 @@ def read_map_file(path: Path) -> MapFile:
             for key in ignored:
                 del content[key]
             if ignored and "image" in content:
-                note(f"{path}: ignored keys, as in map_server: {join_names(ignored)}")
+                note(f"{path}: ignored keys, as in map_server: {list_names(ignored)}")
         return from_dict(MapFile, content, str(path))
     except ConfigError as error:
         raise WorldError(str(error)) from None
@@ -360,7 +360,7 @@ def select_maps(files: Sequence[Path]) -> list[Path]:
         note(
             f"{files[0].parent}: skipped masks (mode scale or raw, or keepout or mask "
             "in the name) and other files that are not maps of obstacles: "
-            f"{join_names(skipped)}; to use one, name the file instead of the folder"
+            f"{list_names(skipped)}; to use one, name the file instead of the folder"
         )
     return maps
 

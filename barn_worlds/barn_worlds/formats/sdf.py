@@ -90,7 +90,7 @@ def _template() -> jinja2.Template:
 
 
 def trajectories(obstacle: MovingObstacle) -> list[Waypoints]:
-    """Return one or two trajectories of an actor, to be played in turn.
+    """Return an actor's one or two lists of waypoints, to be played in turn.
 
     Each is a list of waypoints of time (s) from 0, x and y (m). If Gazebo's own spline
     reproduces the motion, the waypoints are its keys. Else they are `STEP_S` apart.

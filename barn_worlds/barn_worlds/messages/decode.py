@@ -177,7 +177,7 @@ def pose_with_covariance(data: bytes) -> Pose2D:
 
 @_reads("nav_msgs/msg/Odometry")
 def odometry(data: bytes) -> Odometry:
-    """Return stamp, planar pose, velocity of an Odometry; MessageError if malformed."""
+    """Return the odometry, yaw NaN for an all-zero quaternion; MessageError if bad."""
     stamp_ns, end = _read_stamp(data)
     offset = _align_double(_text_end(data, end))
     x, y, *quaternion, linear, angular = _POSE_AND_TWIST.unpack_from(data, offset)

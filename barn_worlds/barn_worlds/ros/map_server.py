@@ -91,7 +91,7 @@ class MapServer(Node):
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node until it is stopped and return 0, or the code of a BarnError."""
+    """Run the node until stopped; return 0, or the code of a BarnError, printed."""
     rclpy.init(args=args)
     try:
         rclpy.spin(MapServer())

@@ -139,7 +139,7 @@ def cell_size_m(robot: Robot) -> float:
 
 
 def scale_to_robot(world: World, robot: Robot) -> World:
-    """Return a world with larger cells if a robot is too wide for any path through it.
+    """Return a world with a robot's cell size if its path is too narrow, else itself.
 
     The world itself is returned for other robots, and if it has a scene in meters.
 
@@ -148,8 +148,8 @@ def scale_to_robot(world: World, robot: Robot) -> World:
         robot: Robot that is to drive there.
     """
     path_width_m = world.footprint_cells * world.resolution_m
-    is_narrow = min(robot.length_m, robot.width_m) <= path_width_m
-    if is_narrow or world.corner_m is not None or world.moving or world.walls:
+    fits = min(robot.length_m, robot.width_m) <= path_width_m
+    if fits or world.corner_m is not None or world.moving or world.walls:
         return world
     return replace(world, resolution_m=cell_size_m(robot))
 

@@ -59,9 +59,7 @@ def _spread_over_rows(grid: BoolGrid, reach: int) -> BoolGrid:
 
 
 def through_region(cspace: BoolGrid) -> BoolGrid | None:
-    """Return a mask (rows, cols) of the free region that leads through, or None.
-
-    It leads from the first column to the last.
+    """Return a mask of the free region that is largest at both end columns, or None.
 
     As in the paper's generator, it is the largest 4-connected free region that touches
     the first column, provided that it is also the largest that touches the last one.

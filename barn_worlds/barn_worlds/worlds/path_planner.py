@@ -31,7 +31,7 @@ INFLATION_WEIGHT = 5.0
 def plan_path(
     cspace: BoolGrid, start: Sequence[int] | Cells, goal: Sequence[int] | Cells
 ) -> Cells | None:
-    """Return path cells (n, 2), None without a path; WorldError if an end is outside.
+    """Return path cells (n, 2), None if none exists; WorldError if an end is outside.
 
     Two steps in a row turn by at most 45 degrees.
 
