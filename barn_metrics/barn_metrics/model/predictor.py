@@ -225,14 +225,9 @@ class DifficultyModel:
         """
         # (networks, n, k)
         all_outputs = np.array([network(inputs) for network in self.networks])
-        share = 1.0 / len(self.networks)
-        outputs: Floats = np.sum(share * all_outputs, axis=0)
+        outputs: Floats = all_outputs.mean(axis=0)
         difficulty = np.maximum(self._planner_mean(outputs), _QUICKEST_S_PER_M)
-
-        difficulties = self._planner_mean(all_outputs)
-        deviations = difficulties - (share * difficulties).sum(axis=0)
-        spread = np.sqrt((share * deviations**2).sum(axis=0))
-        return outputs, difficulty, spread
+        return outputs, difficulty, self._planner_mean(all_outputs).std(axis=0)
 
     def _planner_mean(self, outputs: Floats) -> Floats:
         """Return the mean over planners of the times (s/m) in outputs (..., k)."""

@@ -55,10 +55,7 @@ class _Kernel:
         return self.compiled(*arguments)
 
     def __getattr__(self, name: str) -> Any:
-        """Return an attribute of the compiled function; compile it if need be.
-
-        Raise AttributeError for names that begin with an underscore.
-        """
+        """Return a compiled function's attribute; AttributeError for "_..." names."""
         # `compiled` is set by the first use; all others are numba's, such as `py_func`.
         if name == "compiled":
             return self._compile()

@@ -192,7 +192,7 @@ def dataset_files() -> dict[str, Path]:
 
 
 def open_dataset(source: str | Path, robot: Robot = STANDARD_ROBOT) -> Dataset:
-    """Return the shipped data set of a name, else that at a path; read worlds later.
+    """Open a shipped data set by name, else that at a path, lazily; WorldError if none.
 
     A world has the number in its file's name. If a number is missing or not unique,
     files are numbered from 0 in order of their names.
@@ -312,7 +312,7 @@ _PART = re.compile(r"(\d{1,9})(?:-(\d{1,9})|:(\d{1,9})(?::(\d{1,9}))?)?")
 def select_worlds(
     spec: str | int | Iterable[int], world_numbers: Iterable[int]
 ) -> list[int]:
-    """Return the numbers of "60,0-9" or "all", in this order; WorldError if one is missing.
+    """Return the numbers of "60,0-9" or "all", in this order; WorldError for a bad one.
 
     Each number occurs once.
 

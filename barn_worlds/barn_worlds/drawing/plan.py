@@ -72,7 +72,7 @@ class CoursePlan:
             )
 
     def pdf(self) -> bytes:
-        """Return all pages as PDF, the same bytes every time; ConfigError if too many.
+        """Return all pages as PDF, always the same bytes; ConfigError above 1000 tiles.
 
         Raises:
             ConfigError: If the scale needs too many tiles.

@@ -85,7 +85,7 @@ class DatasetFile:
         return world
 
     def _build_world(self, position: int) -> World:
-        """Build the world at a position; do not compare its checksum."""
+        """Build the world at a position, checksum unread; any error if damaged."""
         arrays = self.arrays
         entry = self.manifest["worlds"][position]
         rows, cols = map(int, arrays["shape"][position])

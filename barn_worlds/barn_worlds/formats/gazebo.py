@@ -62,7 +62,7 @@ class GazeboFile:
 
     @classmethod
     def read(cls, path: Path) -> "GazeboFile":
-        """Return the parsed content of a .world or .sdf file, gzipped or not."""
+        """Read and parse a .world or .sdf file, gzipped or not; WorldError if bad."""
         return cls(read_maybe_gzipped(path, LARGEST_WORLD_FILE), str(path))
 
     def course(self) -> list[float]:

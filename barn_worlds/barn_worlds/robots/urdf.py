@@ -291,7 +291,7 @@ def _read_origin(parent: Element) -> Transform:
 
 
 def _read_triple(parent: Element, tag: str, key: str) -> Floats:
-    """Return a child attribute's numbers (3,), 0 if missing; ValueError if not three."""
+    """Return a child attribute's numbers (3,), 0 if missing; ValueError for others."""
     child = parent.find(tag)
     text = "0 0 0" if child is None else child.get(key, "0 0 0")
     numbers = np.array([float(word) for word in text.split()])
