@@ -143,7 +143,7 @@ def bootstrap_interval(
 
 
 def spearman(a: Floats | Integers, b: Floats | Integers) -> Floats:
-    """Return Spearman's correlation along the last axis, NaN where a side is constant.
+    """Return Spearman's correlation, last axis, NaN if constant; integers must be >= 0.
 
     Args:
         a: Values (..., n).

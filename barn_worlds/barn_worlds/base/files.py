@@ -316,7 +316,7 @@ def parse_json(text: str | bytes, where: str) -> PlainData:
 
 
 def read_lines(path: Path, file: BinaryIO | None = None) -> Iterator[tuple[str, str]]:
-    """Yield "PATH, line N" and text of each line, none without a file, or ConfigError.
+    """Yield "PATH, line N", text of whole lines, none if missing; ConfigError if bad.
 
     A missing file has no lines. A last line without a newline, which a killed writer
     may leave, is skipped.

@@ -138,15 +138,15 @@ class Dataset:
         maps = replace(self, readers=self.maps or self.readers)
         routes: list[World] = []
         for world in map(maps.load, maps.world_numbers):
-            own = [fit_to_robot(world, robot, course) for course in courses]
+            world_routes = [fit_to_robot(world, robot, course) for course in courses]
             if count:
-                own += draw_routes(world, robot, count, seed)
-            if len(own) > 1:
-                own = [
+                world_routes += draw_routes(world, robot, count, seed)
+            if len(world_routes) > 1:
+                world_routes = [
                     replace(route, name=f"{world.name} route {number}")
-                    for number, route in enumerate(own)
+                    for number, route in enumerate(world_routes)
                 ]
-            routes += own
+            routes += world_routes
         return dict(enumerate(routes))
 
     def require_fit(self, robot: Robot, world_numbers: Iterable[int]) -> None:

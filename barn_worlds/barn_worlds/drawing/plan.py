@@ -171,7 +171,7 @@ class CoursePlan:
         return points_m.min(axis=0) - 0.2, points_m.max(axis=0) + 0.2
 
     def _tiles(self) -> Iterator[Figure]:
-        """Yield every tile of the plan to scale, top row first; ConfigError if many."""
+        """Yield each tile to scale, top row first; ConfigError if more than 1000."""
         scale = self.config.scale
         paper_m = np.array(PAPERS[self.config.paper])
         area_m = paper_m - (2.0 * _MARGIN_M, 2.0 * _MARGIN_M + _HEADER_M)

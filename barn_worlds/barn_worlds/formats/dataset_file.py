@@ -85,7 +85,7 @@ class DatasetFile:
         return world
 
     def _build_world(self, position: int) -> World:
-        """Build the world at a position, checksum unread; any error if damaged."""
+        """Build the world at a position, unchecked by checksum; any error if bad."""
         arrays = self.arrays
         entry = self.manifest["worlds"][position]
         rows, cols = map(int, arrays["shape"][position])

@@ -222,9 +222,9 @@ def read_map_file(path: Path) -> MapFile:
                 content["routes"] = read_legs(path.parent / content["routes"])
             content |= _read_scalars(parse_yaml(file, str(path), TextLoader))
             names = [item.name for item in fields(MapFile)]
-            others = [key for key in content if key not in names]
+            foreign = [key for key in content if key not in names]
             # A misspelled key of the suite must not be ignored.
-            ignored = [key for key in others if not suggest_similar(key, _OWN_KEYS)]
+            ignored = [key for key in foreign if not suggest_similar(key, _OWN_KEYS)]
             for key in ignored:
                 del content[key]
             if ignored and "image" in content:

@@ -205,7 +205,7 @@ def _read_inertia(links: dict[str, Link]) -> dict[str, Any]:
 
 
 def _read_wheels(links: dict[str, Link]) -> tuple[dict[str, Any], str]:
-    """Return wheels' `Chassis` fields, what lacks in words; ValueError if misplaced."""
+    """Return wheels' `Chassis` fields and, in words, what is missing, or ValueError."""
     names = [name for name in links if _WHEEL.search(name) and not _CASTER.search(name)]
     wheels = [name for name in names if links[name].joint_type == "continuous"]
     if not wheels and names:

@@ -56,8 +56,7 @@ class World:
     name: str
     # (rows, cols), True where filled.
     grid: BoolGrid
-    # (n, 2) row and column of free, adjoining cells from the first to the last column;
-    # a cell may be repeated.
+    # (n, 2) row and column of free, adjoining cells; a cell may be repeated.
     path: Cells
     # Size of a cell.
     resolution_m: float = geometry.STANDARD_CELL_M
@@ -153,12 +152,12 @@ class World:
 
     @cached_property
     def cylinders_m(self) -> Points:
-        """Centers (n + m, 2) in m of grid, then containment; surveyed ones if built."""
+        """Centers (n + m, 2) in m of grid, then containment cylinders, or surveyed."""
         return self.planned_m if self.built_m is None else self.built_m
 
     @cached_property
     def planned_m(self) -> Points:
-        """Centers (n + m, 2) in m of grid, then containment, without any survey."""
+        """Centers (n + m, 2) in m of grid, then containment cylinders, as planned."""
         obstacles_m = self.cell_centers_m(self._visible_cells)
         if self.corner_m is not None:
             return _read_only(obstacles_m)
