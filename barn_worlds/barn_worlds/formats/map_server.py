@@ -307,30 +307,31 @@ def read_map(path: Path, map_file: MapFile | None = None) -> OccupancyMap:
             f"{path}: image: {map_file.image!r:.200} does not exist; put the image "
             f"there, or change image{suggest_similar(image.name, names)}"
         )
-    # Images begin with the top row, which has the largest y.
     gray, is_opaque = _read_image(image)
-    shade = gray[::-1] / 255.0
-    if map_file.mode == "raw":
-        values = np.rint(gray[::-1])
-        data = np.where(values <= OCCUPIED, values, UNKNOWN)
-    else:
-        chance = shade if map_file.negate else 1.0 - shade
-        between: Floats | int = UNKNOWN
-        if map_file.mode == "scale":
-            span = map_file.occupied_thresh - map_file.free_thresh
-            share = (chance - map_file.free_thresh) / max(span, 1e-9)
-            between = np.rint(100.0 * share)
-        data = np.select(
-            [
-                ~is_opaque[::-1],
-                chance < map_file.free_thresh,
-                chance > map_file.occupied_thresh,
-            ],
-            [UNKNOWN, 0, OCCUPIED],
-            between,
-        )
+    data = np.where(is_opaque, _cell_values(gray, map_file), UNKNOWN)
     x, y, _ = map_file.origin
-    return OccupancyMap(data.astype(np.int8), map_file.resolution, x, y)
+    # Images begin with the top row, which has the largest y.
+    return OccupancyMap(data[::-1].astype(np.int8), map_file.resolution, x, y)
+
+
+def _cell_values(gray: Floats, map_file: MapFile) -> Floats:
+    """Return gray pixels (0 to 255) as 0 (free) to 100 (occupied) or -1 by the mode."""
+    if map_file.mode == "raw":
+        values = np.rint(gray)
+        return np.where(values <= OCCUPIED, values, UNKNOWN)
+
+    shade = gray / 255.0
+    chance = shade if map_file.negate else 1.0 - shade
+    between: Floats | int = UNKNOWN
+    if map_file.mode == "scale":
+        span = map_file.occupied_thresh - map_file.free_thresh
+        share = (chance - map_file.free_thresh) / max(span, 1e-9)
+        between = np.rint(100.0 * share)
+    return np.select(
+        [chance < map_file.free_thresh, chance > map_file.occupied_thresh],
+        [0, OCCUPIED],
+        between,
+    )
 
 
 def filled_cells(grid: OccupancyMap) -> BoolGrid:
