@@ -171,7 +171,7 @@ def write_durably(path: Path, content: bytes) -> None:
 
 
 def write_parts_durably(path: Path, parts: Iterable[bytes]) -> None:
-    """Write a file from parts, in their order, as `write_durably`."""
+    """Write a file atomically from its parts, sync it; StoreError if that fails."""
     with (
         convert_os_errors(StoreError, f"{path}: cannot be written"),
         replace_file(path, durable=True) as temporary,

@@ -137,7 +137,7 @@ class Scope:
 
 
 def read_pose(pose: Element | None, where: str) -> Transform:
-    """Return the transform in a <pose> element, the identity if None or empty.
+    """Return the transform of a <pose>, identity for None or empty; WorldError if bad.
 
     Args:
         pose: The element, with its attributes `rotation_format` and `degrees`.
