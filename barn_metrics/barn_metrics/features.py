@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy import ndimage
 
-from barn_metrics.metrics import closest_obstacle, tortuosity
+from barn_metrics.metrics import tortuosity
 from barn_worlds.base.arrays import (
     BoolGrid,
     Bools,
@@ -19,6 +19,7 @@ from barn_worlds.base.arrays import (
     strict_kernel,
 )
 from barn_worlds.worlds.cells import hollow_cells
+from barn_worlds.worlds.cspace import closest_obstacle
 from barn_worlds.worlds.world import World
 
 # A place with less clearance is narrow; fits a Jackal.

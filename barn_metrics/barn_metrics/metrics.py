@@ -7,12 +7,12 @@ import math
 from dataclasses import astuple, dataclass
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt
 
 from barn_metrics import kernels
 from barn_worlds.base.arrays import BoolGrid, Cells, Floats, side_lengths
 from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.errors import ConfigError, WorldError, suggest
+from barn_worlds.worlds.cspace import closest_obstacle
 from barn_worlds.worlds.world import World
 
 
@@ -154,17 +154,6 @@ def cell_metrics(
             kernels.characteristic_dimension(occupied, cells, axes),
         ]
     )
-
-
-def closest_obstacle(cspace: BoolGrid) -> Floats:
-    """Return each cell's distance in cells to the nearest occupied one; inf if none is.
-
-    The distance is Euclidean. It is inf if no cell is occupied.
-    """
-    if not cspace.any():
-        return np.full(cspace.shape, np.inf)
-    distance: Floats = distance_transform_edt(~cspace)
-    return distance
 
 
 def tortuosity(path: Cells) -> float:

@@ -1,8 +1,8 @@
-"""The configuration space on a grid, where a robot's center may be, and its regions."""
+"""The configuration space on a grid, its free regions, and distances in it."""
 
 import numpy as np
 
-from barn_worlds.base.arrays import BoolGrid, Integers, strict_kernel
+from barn_worlds.base.arrays import BoolGrid, Floats, Integers, strict_kernel
 from barn_worlds.base.errors import WorldError
 
 
@@ -58,6 +58,20 @@ def _spread_over_rows(grid: BoolGrid, reach: int) -> BoolGrid:
     return spread
 
 
+def closest_obstacle(cspace: BoolGrid) -> Floats:
+    """Return each cell's distance in cells to the nearest occupied one; inf if none is.
+
+    The distance is Euclidean, from center to center, and 0 in occupied cells.
+    """
+    # Imported here because it takes a while, and most programs read worlds with paths.
+    from scipy import ndimage  # noqa: PLC0415
+
+    if not cspace.any():
+        return np.full(cspace.shape, np.inf)
+    distance: Floats = ndimage.distance_transform_edt(~cspace)
+    return distance
+
+
 def through_region(cspace: BoolGrid) -> BoolGrid | None:
     """Return a mask of the free region that is largest at both end columns, or None.
 
@@ -85,8 +99,7 @@ def label_regions(free: BoolGrid, neighbors: int = 4) -> tuple[Integers, Integer
         Labels start at 1 and rise in reading order. Label 0 means not free; its number
         is 0.
     """
-    # Imported here because it takes a while, and most programs read worlds with paths.
-    from scipy import ndimage  # noqa: PLC0415
+    from scipy import ndimage  # noqa: PLC0415 (as above)
 
     structure = np.ones((3, 3)) if neighbors == 8 else None
     labels, count = ndimage.label(free, structure)
