@@ -287,27 +287,29 @@ def fill_hollow(visible: BoolGrid, free: tuple[int, int] | None = None) -> BoolG
         visible: Cells that the file shows, True where filled.
         free: Row and column of a cell whose gap stays empty.
     """
+    # Imported here, as by `label_regions`.
+    from scipy.ndimage import find_objects  # noqa: PLC0415
+
     grid: BoolGrid = visible.copy()
     labels, sizes = label_regions(~visible, 8)
-    # The cells of one gap after the other, for slices instead of a search for each.
-    by_label = np.argsort(labels, axis=None, kind="stable")
-    first = np.cumsum([np.count_nonzero(visible), *sizes[1:]])
+    boxes = find_objects(labels)
     for index in np.argsort(-sizes[1:], kind="stable").tolist():
-        gap = np.unravel_index(by_label[first[index] : first[index + 1]], visible.shape)
-        at_border = False
-        surroundings = []
-        for positions, side in zip(gap, visible.shape, strict=True):
-            low = int(positions.min())
-            high = int(positions.max())
-            at_border |= low == 0 or high == side - 1
-            surroundings.append(slice(max(0, low - 2), high + 3))
-        if at_border or (free is not None and labels[free] == index + 1):
+        label = index + 1
+        is_enclosed = free is None or labels[free] != label
+        around = []
+        for span, side in zip(boxes[index], visible.shape, strict=True):
+            is_enclosed &= span.start > 0 and span.stop < side
+            around.append(slice(max(0, span.start - 2), span.stop + 2))
+        if not is_enclosed:
             continue
 
-        grid[gap] = True
-        around = tuple(surroundings)
-        if (hollow_cells(grid[around]) & visible[around]).any():
-            grid[gap] = False
+        # A view of the cells of the gap and of those that filling it may surround.
+        place = tuple(around)
+        part = grid[place]
+        gap = labels[place] == label
+        part[gap] = True
+        if (hollow_cells(part) & visible[place]).any():
+            part[gap] = False
     return grid
 
 
