@@ -201,7 +201,7 @@ def scan(data: bytes) -> Scan:
 
 
 def occupancy_map(data: bytes) -> OccupancyMap:
-    """Return the map, cells copied, of an OccupancyGrid; MessageError if rotated.
+    """Return an OccupancyGrid's map, cells copied; MessageError if bad or rotated.
 
     Raises:
         MessageError: Also if the map is rotated or its number of cells is wrong.
