@@ -29,7 +29,7 @@ class Interval:
     high: float | None = None
 
     def widen_to(self, *values: float) -> "Interval":
-        """Return a copy with limits widened to hold values; itself without limits."""
+        """Return a copy with limits widened to hold values; itself if it has none."""
         if self.low is None or self.high is None:
             return self
         return Interval(self.estimate, min(self.low, *values), max(self.high, *values))
@@ -93,7 +93,7 @@ def bootstrap_interval(
     percentile: bool = False,
     resamples: int = RESAMPLES,
 ) -> Interval:
-    """Return a statistic with 95 % limits: None below two worlds or if not finite.
+    """Return a statistic with 95 % bootstrap limits, None for one world or undefined.
 
     Args:
         statistic: Function of places of worlds (..., n), 0 to worlds - 1.
@@ -143,7 +143,7 @@ def bootstrap_interval(
 
 
 def spearman(a: Floats | Integers, b: Floats | Integers) -> Floats:
-    """Return Spearman's correlation (last axis), NaN if a side is constant; ints >= 0.
+    """Return Spearman's correlation, last axis, NaN if constant; integers must be >= 0.
 
     Args:
         a: Values (..., n).

@@ -4,19 +4,22 @@ They describe clearance, gaps and turning along its path.
 """
 
 import math
+from typing import Any
 
 import numpy as np
 from scipy import ndimage
 
-from barn_metrics.metrics import closest_obstacle, tortuosity
+from barn_metrics.metrics import tortuosity
 from barn_worlds.base.arrays import (
     BoolGrid,
+    Bools,
     Cells,
     Floats,
     side_lengths,
     strict_kernel,
 )
 from barn_worlds.worlds.cells import hollow_cells
+from barn_worlds.worlds.cspace import closest_obstacle
 from barn_worlds.worlds.world import World
 
 # A place with less clearance is narrow; fits a Jackal.
@@ -31,50 +34,78 @@ def world_features(world: World) -> dict[str, float]:
     Cells that the path repeats count once.
     """
     path = without_repeats(world.path)
-    lengths = side_lengths(path) * world.resolution_m
-    length_m = float(lengths.sum())
-    clearance = path_clearance(world.grid, path, world.resolution_m)
-    is_narrow = clearance < NARROW_CLEARANCE_M
-    turning = heading_changes(path)
-    turning_rad = float(np.abs(turning).sum())
-    turns = turning[turning != 0.0]
-    # Narrow stretches of the path.
-    places_m = np.append(0.0, np.cumsum(lengths))
-    labels, passages = ndimage.label(is_narrow)
-    longest_m = 0.0
-    for (passage,) in ndimage.find_objects(labels):
-        longest_m = max(longest_m, float(np.ptp(places_m[passage])))
-    rows = path[:, 0].tolist()
+    first_row, last_row = path[[0, -1], 0]
+    lengths_m = side_lengths(path) * world.resolution_m
+    clearance_m = path_clearance(world.grid, path, world.resolution_m)
+    is_narrow = clearance_m < NARROW_CLEARANCE_M
+    turning_rad = heading_changes(path)
+    features = {
+        "path_length_m": lengths_m.sum(),
+        "tortuosity": tortuosity(path),
+        # From start to goal across the driving direction.
+        "lateral_shift_m": abs(last_row - first_row) * world.resolution_m,
+        **_clearance_features(clearance_m),
+        **_narrow_features(is_narrow, lengths_m),
+        # Like the sum of a cost near obstacles.
+        "inverse_clearance_mean_per_m": (1.0 / clearance_m).mean(),
+        "widest_gap_m": widest_gap_m(world.grid, world.resolution_m),
+        **_turning_features(turning_rad, lengths_m),
+        "narrow_turning_rad": np.abs(turning_rad[is_narrow[1:-1]]).sum(),
+        "filled_share": world.grid.mean(),
+        "free_cspace_share": 1.0 - world.cspace.mean(),
+    }
+    return {name: float(value) for name, value in features.items()}
+
+
+def _clearance_features(clearance_m: Floats) -> dict[str, Any]:
+    """Return minimum, percentiles and mean of a path's clearance (n,) in m, by name."""
     percentiles = {
-        f"clearance_p{percent:02}_m": float(np.percentile(clearance, percent))
+        f"clearance_p{percent:02}_m": np.percentile(clearance_m, percent)
         for percent in (5, 10, 25, 50)
     }
     return {
-        "path_length_m": length_m,
-        "tortuosity": tortuosity(path),
-        # From start to goal across the driving direction.
-        "lateral_shift_m": abs(rows[-1] - rows[0]) * world.resolution_m,
-        # Distance from the path's cells to the surface of the nearest obstacle.
-        "clearance_min_m": float(clearance.min()),
+        "clearance_min_m": clearance_m.min(),
         **percentiles,
-        "clearance_mean_m": float(clearance.mean()),
-        # Share of the path's cells that are narrow, and stretches of them.
-        "narrow_share": float(is_narrow.mean()),
-        "narrow_passages": float(passages),
+        "clearance_mean_m": clearance_m.mean(),
+    }
+
+
+def _narrow_features(is_narrow: Bools, lengths_m: Floats) -> dict[str, Any]:
+    """Return share of narrow cells, number and longest of narrow stretches, by name.
+
+    Args:
+        is_narrow: Mask (n,) of the path's cells.
+        lengths_m: Lengths (n - 1,) of its steps.
+    """
+    places_m = np.append(0.0, np.cumsum(lengths_m))
+    labels, count = ndimage.label(is_narrow)
+    longest_m = 0.0
+    for (stretch,) in ndimage.find_objects(labels):
+        longest_m = max(longest_m, np.ptp(places_m[stretch]))
+    return {
+        "narrow_share": is_narrow.mean(),
+        "narrow_passages": count,
         "longest_narrow_m": longest_m,
-        # Like the sum of a cost near obstacles.
-        "inverse_clearance_mean_per_m": float((1.0 / clearance).mean()),
-        "widest_gap_m": widest_gap_m(world.grid, world.resolution_m),
-        # Changes of heading, without sign.
-        "turning_total_rad": turning_rad,
-        "turning_rad_per_m": turning_rad / length_m if length_m > 0.0 else 0.0,
-        "turning_sharpest_rad": sharpest_turn(turning, lengths, TURNING_WINDOW_M),
-        "turns": float(len(turns)),
+    }
+
+
+def _turning_features(turning_rad: Floats, lengths_m: Floats) -> dict[str, Any]:
+    """Return total, mean per m and sharpest turning, turns and reversals, by name.
+
+    Args:
+        turning_rad: Changes of heading (n - 2,) at the inner cells of the path.
+        lengths_m: Lengths (n - 1,) of its steps.
+    """
+    length_m = lengths_m.sum()
+    total_rad = np.abs(turning_rad).sum()
+    turns = turning_rad[turning_rad != 0.0]
+    return {
+        "turning_total_rad": total_rad,
+        "turning_rad_per_m": total_rad / length_m if length_m > 0.0 else 0.0,
+        "turning_sharpest_rad": sharpest_turn(turning_rad, lengths_m, TURNING_WINDOW_M),
+        "turns": len(turns),
         # Turns to the other side than the turn before.
-        "reversals": float(np.count_nonzero(np.diff(np.sign(turns)))),
-        "narrow_turning_rad": float(np.abs(turning[is_narrow[1:-1]]).sum()),
-        "filled_share": float(world.grid.mean()),
-        "free_cspace_share": 1.0 - float(world.cspace.mean()),
+        "reversals": np.count_nonzero(np.diff(np.sign(turns))),
     }
 
 
@@ -104,7 +135,7 @@ def path_clearance(grid: BoolGrid, path: Cells, resolution_m: float) -> Floats:
 
 
 def heading_changes(path: Cells) -> Floats:
-    """Return the turn (n - 2,) in rad at inner cells, + from column to row axis."""
+    """Return turns (n - 2,) in rad at a path's inner cells, + toward higher rows."""
     steps = np.diff(path, axis=0)
     headings = np.arctan2(steps[:, 0], steps[:, 1])
     # From -pi to pi.
@@ -112,7 +143,7 @@ def heading_changes(path: Cells) -> Floats:
 
 
 def sharpest_turn(turning: Floats, lengths: Floats, window_m: float) -> float:
-    """Return the largest net turn in rad, unsigned, within window_m; 0 without turns.
+    """Return the largest net turn (rad, unsigned) within window_m; 0 for no turns.
 
     Args:
         turning: Changes of heading (n - 2,) at the inner cells of the path.
@@ -145,13 +176,12 @@ def widest_gap_m(grid: BoolGrid, resolution_m: float) -> float:
     # Hollow cells cannot be at the edge of a gap.
     cells = np.argwhere(grid & ~hollow_cells(grid))
     centers = cells.astype(np.float64)
-    gap = _smallest_largest_gap(centers, float(len(grid)))
-    return float(max(0.0, gap) * resolution_m)
+    return _widest_disc(centers, float(len(grid))) * resolution_m
 
 
 @strict_kernel
-def _smallest_largest_gap(centers: Floats, rows: float) -> float:
-    """Return the least largest gap (cells) of chains between side edges, at most rows.
+def _widest_disc(centers: Floats, rows: float) -> float:
+    """Return the diameter (cells) of the widest disc that gets through, at most `rows`.
 
     Args:
         centers: Of unit discs (n, 2), in cells.

@@ -49,7 +49,7 @@ EIGHT_AXES: Floats = np.array(
 def free_cells(
     occupied: BoolGrid, row: int, column: int, row_step: float, column_step: float
 ) -> tuple[int, bool]:
-    """Count a ray's free cells, start excluded; True if an obstacle, no edge, ends it.
+    """Return a ray's count of free cells after the start, and if an obstacle ends it.
 
     Args:
         occupied: (rows, cols).

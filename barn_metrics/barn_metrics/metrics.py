@@ -7,12 +7,12 @@ import math
 from dataclasses import astuple, dataclass
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt
 
 from barn_metrics import kernels
 from barn_worlds.base.arrays import BoolGrid, Cells, Floats, side_lengths
 from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.errors import ConfigError, WorldError, suggest
+from barn_worlds.worlds.cspace import closest_obstacle
 from barn_worlds.worlds.world import World
 
 
@@ -61,7 +61,7 @@ FORMULAS: dict[str, Formula] = {
 
 
 def as_formula(formula: Formula | str) -> Formula:
-    """Return the formula with a name, ConfigError if there is none, or the given one.
+    """Return the formula of a name, or a `Formula` unchanged; ConfigError if unknown.
 
     Raises:
         ConfigError: If the name is unknown.
@@ -156,19 +156,8 @@ def cell_metrics(
     )
 
 
-def closest_obstacle(cspace: BoolGrid) -> Floats:
-    """Return each cell's distance in cells to the nearest occupied one; inf if none is.
-
-    The distance is Euclidean. It is inf if no cell is occupied.
-    """
-    if not cspace.any():
-        return np.full(cspace.shape, np.inf)
-    distance: Floats = distance_transform_edt(~cspace)
-    return distance
-
-
 def tortuosity(path: Cells) -> float:
-    """Return a path's arc over chord (>= 1): 1 if it stays in a cell, inf for a loop."""
+    """Return a path's arc over chord (>= 1), 1 within one cell, inf for a loop."""
     arc = float(side_lengths(path).sum())
     row_chord, column_chord = (path[-1] - path[0]).tolist()
     chord = math.hypot(row_chord, column_chord)

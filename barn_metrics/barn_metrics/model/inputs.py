@@ -91,7 +91,7 @@ def input_names() -> tuple[str, ...]:
 
 
 def inputs_of(worlds: Iterable[World]) -> Floats:
-    """Return worlds' inputs (n, d), made finite: NaN is 0, infinity is 1e6 or -1e6.
+    """Return worlds' inputs (n, d), NaN 0, infinity +-1e6; WorldError for an arena.
 
     Raises:
         WorldError: If one of them is an arena, or its path meets the C-space.
@@ -109,7 +109,7 @@ def inputs_of(worlds: Iterable[World]) -> Floats:
 
 
 def _find_routes(clearance: ClearanceMap) -> dict[str, Route]:
-    """Return the cheapest route from start to goal by name of its cost function."""
+    """Return the cheapest route for each of `_ROUTE_COSTS`, by its name."""
     return {
         name: cheapest_route(clearance, cost(clearance.clearance_m))
         for name, cost in _ROUTE_COSTS.items()

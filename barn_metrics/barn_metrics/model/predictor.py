@@ -82,7 +82,7 @@ class RouteNetwork:
 
 
 def moments(values: Floats) -> tuple[Floats, Floats]:
-    """Return mean and std (d,) over rows of values (n, d); a constant column has std 1."""
+    """Return mean and std (d,) over rows of values (n, d); std 1 if constant."""
     std = values.std(axis=0)
     return values.mean(axis=0), np.where(std > 1e-9, std, 1.0)
 
@@ -178,7 +178,7 @@ class DifficultyModel:
     about: Mapping[str, Any]
 
     def predict(self, world: World) -> Prediction:
-        """Return a world's times (s/m); WorldError for an arena or a blocked path."""
+        """Return a world's prediction; WorldError for an arena or blocked path."""
         return self.predict_inputs(inputs_of([world]))[0]
 
     def predict_dataset(
@@ -215,7 +215,7 @@ class DifficultyModel:
         ]
 
     def evaluate(self, inputs: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return outputs (n, k), difficulty (n,), at least 0.1, its std over networks.
+        """Return mean outputs (n, k), difficulty (n,) in s/m, >= 0.1, and its std.
 
         Args:
             inputs: (n, d).
@@ -225,14 +225,9 @@ class DifficultyModel:
         """
         # (networks, n, k)
         all_outputs = np.array([network(inputs) for network in self.networks])
-        share = 1.0 / len(self.networks)
-        outputs: Floats = np.sum(share * all_outputs, axis=0)
+        outputs: Floats = all_outputs.mean(axis=0)
         difficulty = np.maximum(self._planner_mean(outputs), _QUICKEST_S_PER_M)
-
-        difficulties = self._planner_mean(all_outputs)
-        deviations = difficulties - (share * difficulties).sum(axis=0)
-        spread = np.sqrt((share * deviations**2).sum(axis=0))
-        return outputs, difficulty, spread
+        return outputs, difficulty, self._planner_mean(all_outputs).std(axis=0)
 
     def _planner_mean(self, outputs: Floats) -> Floats:
         """Return the mean over planners of the times (s/m) in outputs (..., k)."""

@@ -217,7 +217,8 @@ def route_strip(clearance: ClearanceMap, route: Route) -> Floats:
         clearance: The map.
         route: Route along which the strip lies; only its points are used.
 
-    Returns: (SAMPLES, CHANNELS), zero after the end of the route. Channels are: the
+    Returns:
+        Samples (SAMPLES, CHANNELS), zero after the end of the route. Channels are: the
         clearance on a line across the route from left to right, from -1 (none) to 1
         (`_FREE_M` and more); heading in rad; change of heading per sample, scaled; 1
         where there is a sample.

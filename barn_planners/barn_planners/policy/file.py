@@ -50,7 +50,7 @@ FORMAT = NpzFormat(
     largest_file=LARGEST_FILE,
     largest=LARGEST_FILE,
     # Of policies with more than one frame, or whose actions hold longer than a period.
-    newer=(2,),
+    other_schemas=(2,),
 )
 
 METADATA_KEY = "barn_policy"
@@ -201,7 +201,7 @@ def write_policy(path: Path, policy: Policy) -> None:
     """
     schema = FORMAT.schema
     if policy.observation.frames > 1 or policy.action.repeat > 1:
-        schema = FORMAT.newer[0]
+        schema = FORMAT.other_schemas[0]
     header = _PolicyHeader(
         schema,
         policy.layers,

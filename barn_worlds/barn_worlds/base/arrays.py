@@ -50,17 +50,18 @@ class _Kernel:
     Help and completion import kernels but call none, so they need no numba.
     """
 
-    def __init__(
-        self, function: Callable[..., object], options: dict[str, Any]
-    ) -> None:
+    def __init__(self, function: Callable[..., object], **options: Any) -> None:
+        """Keep the function and further options of `numba.njit`; compile nothing."""
         update_wrapper(self, function)
         self._options = options
 
     def __call__(self, *arguments: Any) -> object:
+        """Return the function's value, after compiling it if this is the first call."""
         return self.compiled(*arguments)
 
     def __getattr__(self, name: str) -> Any:
-        # What else numba's functions have, such as `py_func`.
+        """Return a compiled function's attribute; AttributeError for "_..." names."""
+        # `compiled` is set by the first use; all others are numba's, such as `py_func`.
         if name == "compiled":
             return self._compile()
         # A copy asks for these before it has any state.
@@ -70,23 +71,15 @@ class _Kernel:
 
     @property
     def _numba_type_(self) -> Any:
-        """What numba asks of a function that a compiled one calls."""
+        """The type by which numba compiles calls of this; compiles this first."""
         return self.compiled._numba_type_
 
     def _compile(self) -> Any:
+        """Compile the function, keep the result in `compiled` and return it."""
         import numba  # noqa: PLC0415 (see above)
 
-        self.compiled = numba.njit(**self._options)(self.__wrapped__)
+        self.compiled = numba.njit(cache=True, **self._options)(self.__wrapped__)
         return self.compiled
-
-
-def _njit(**options: Any) -> Callable[[_Function], _Function]:
-    """Return a decorator like numba's njit, importing numba on the first call only."""
-
-    def decorate(function: _Function) -> _Function:
-        return cast(_Function, _Kernel(function, options))
-
-    return decorate
 
 
 def kernel(function: _Function) -> _Function:
@@ -95,14 +88,14 @@ def kernel(function: _Function) -> _Function:
     A division by zero gives inf or NaN, as in numpy. Python's exception would cost a
     branch at every division, and would keep loops from being vectorized.
     """
-    return _njit(cache=True, error_model="numpy")(function)
+    return cast(_Function, _Kernel(function, error_model="numpy"))
 
 
 def strict_kernel(function: _Function) -> _Function:
     """Return a function compiled as by `kernel`, whose divisions by zero raise."""
-    return _njit(cache=True)(function)
+    return cast(_Function, _Kernel(function))
 
 
 def inline_kernel(function: _Function) -> _Function:
     """Return a function compiled as by `kernel` and inlined where kernels call it."""
-    return _njit(cache=True, error_model="numpy", forceinline=True)(function)
+    return cast(_Function, _Kernel(function, error_model="numpy", forceinline=True))

@@ -108,7 +108,7 @@ class CycleTimer:
         return delay_ns
 
     def _draw_ns(self) -> int:
-        """Return the declared delay in ns, random, at most 10 s, if a p95 is set."""
+        """Return the declared delay in ns; with a p95, a random one up to 10 s."""
         median_s = self._compute.delay_s
         p95_s = self._compute.delay_p95_s
         if p95_s <= median_s:

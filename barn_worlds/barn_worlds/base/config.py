@@ -169,7 +169,7 @@ class Checked:
 
 
 def fields_of(config: Any) -> Iterator[tuple[str, Quantity, Any]]:
-    """Yield dotted name, `Quantity`, value of declared fields, nested unless optional.
+    """Yield dotted name, `Quantity`, value of each field, nested too unless `OPTIONAL`.
 
     An `OPTIONAL` nested configuration is set as a whole, so its fields are left out.
     """
@@ -210,7 +210,7 @@ def from_dict(cls: type[T], mapping: Mapping[str, Any], where: str) -> T:
 
 
 def replace_dotted(config: T, changes: Mapping[str, Any], where: str) -> T:
-    """Return a checked copy with new values for dotted names; ConfigError if unknown.
+    """Return a checked copy with new values by dotted name; ConfigError for a bad one.
 
     Args:
         config: Configuration to start from; it stays as it is.
@@ -240,7 +240,7 @@ def replace_dotted(config: T, changes: Mapping[str, Any], where: str) -> T:
 
 
 def as_plain(value: Any, depth: int = 3) -> Any:
-    """Return NumPy and pandas values, nested up to `depth`, as plain, others as is.
+    """Return a value with NumPy and pandas parts made plain, tuples made lists.
 
     Args:
         value: A number, an array, a column, or a list or dict that contains some.
@@ -312,7 +312,7 @@ def _reader() -> cattrs.Converter:
         converter.register_structure_hook(kind, _read_value)
 
     def build_reader(cls: type[Any]) -> Callable[[Any, Any], Any]:
-        """Return a function that builds `cls` from a mapping, without unknown keys."""
+        """Return a function that builds `cls` from data and refuses unknown keys."""
         build = make_dict_structure_fn(cls, converter, _cattrs_forbid_extra_keys=True)
         selections = [
             item.name
@@ -321,7 +321,7 @@ def _reader() -> cattrs.Converter:
         ]
 
         def read(value: object, kind: object) -> Any:
-            """Build `cls` from a mapping with text keys; TypeError for other input."""
+            """Build `cls` from a mapping; TypeError unless all keys are text."""
             # cattrs would fail inside generated code, with a message about indices.
             if not isinstance(value, Mapping):
                 raise TypeError(
@@ -357,7 +357,7 @@ def _writer() -> cattrs.Converter:
         )
 
     def build_writer(cls: type[Any]) -> Callable[[Any], dict[str, Any]]:
-        """Return a function that makes a dict of `cls`, without optional defaults."""
+        """Return a function that makes a dict of a `cls`, without optional defaults."""
         overrides: dict[str, Any] = {
             item.name: override(omit_if_default=True)
             for item in dataclasses.fields(cls)
@@ -376,7 +376,7 @@ def _is_optional(item: "dataclasses.Field[Any]") -> bool:
 
 
 def _read_value(value: object, kind: type[Any]) -> Any:
-    """Return a value as type `kind`: an int also as float; TypeError for other types.
+    """Return a value as `kind`: Enum member by value, int as float too; else TypeError.
 
     For an Enum, return the member with this value; ValueError if there is none.
     """
@@ -400,7 +400,7 @@ def _is_tuple(kind: object) -> bool:
 def _read_tuple(
     converter: cattrs.Converter, value: object, kind: Any
 ) -> tuple[Any, ...]:
-    """Return a list or array as tuple type `kind`; TypeError for anything else."""
+    """Return an iterable as tuple type `kind`; TypeError, or an item's own error."""
     is_list = isinstance(value, Iterable) and not isinstance(value, (str, Mapping))
     items = list(cast("Iterable[Any]", value)) if is_list else []
     kinds = get_args(kind)

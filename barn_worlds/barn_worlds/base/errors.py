@@ -16,7 +16,6 @@ from typing import Any
 logger = logging.getLogger(__name__)
 
 # Longest texts in a message, in characters.
-_LONGEST_NAME = 60
 _LONGEST_VALUE = 120
 _LONGEST_ERROR = 200
 _LONGEST_MESSAGE = 1000
@@ -35,7 +34,7 @@ class _Repr(reprlib.Repr):
     """
 
     def repr_instance(self, x: Any, level: int) -> str:
-        """Return the text of a path, array, function or other object, no address."""
+        """Return text of a path, array or function; else "a Python object"."""
         if type(x) in _PLAIN:
             return super().repr_instance(x, level)
         if hasattr(x, "tolist"):
@@ -71,7 +70,7 @@ class BarnError(Exception):
     exit_code = ExitCode.REFUSED  # of the command that the error ends
 
     def __str__(self) -> str:
-        """Return the message, without its middle if it is too long."""
+        """Return the message, without its middle if it is above 1000 characters."""
         text = super().__str__()
         if len(text) <= _LONGEST_MESSAGE:
             return text
@@ -140,9 +139,9 @@ def note(text: str) -> None:
         logger.warning("%s", text)
 
 
-def join_names(names: Iterable[object]) -> str:
+def list_names(names: Iterable[object]) -> str:
     """Return the first twenty names, joined by commas; ", ..." stands for the rest."""
-    texts = [_shorten(name) for name in names]
+    texts = [_name_text(name) for name in names]
     ellipsis = ", ..." if len(texts) > _MOST_NAMES else ""
     return ", ".join(texts[:_MOST_NAMES]) + ellipsis
 
@@ -188,10 +187,10 @@ def suggest(name: object, candidates: Iterable[object]) -> str:
     Returns:
         "; did you mean 'dwa'?" if a name is similar, else "; known: dwa, eband".
     """
-    names = _sort_names(candidates)
+    names = sorted(map(_name_text, candidates))
     # Dozens of names of other parents would hide the few that the user can mean.
-    siblings = _siblings(_shorten(name), names)
-    return suggest_similar(name, names) or f"; known: {join_names(siblings)}"
+    siblings = _siblings(_name_text(name), names)
+    return suggest_similar(name, names) or f"; known: {list_names(siblings)}"
 
 
 def suggest_similar(name: object, candidates: Iterable[object]) -> str:
@@ -201,8 +200,8 @@ def suggest_similar(name: object, candidates: Iterable[object]) -> str:
         name: What the user wrote.
         candidates: Names that exist, dotted or not.
     """
-    text = _shorten(name)
-    names = _sort_names(candidates)
+    text = _name_text(name)
+    names = sorted(map(_name_text, candidates))
     similar = (
         # A user may leave out the parents of a dotted name.
         [candidate for candidate in names if candidate.endswith(f".{text}")][:3]
@@ -213,15 +212,10 @@ def suggest_similar(name: object, candidates: Iterable[object]) -> str:
     return f"; did you mean {' or '.join(map(repr, similar))}?" if similar else ""
 
 
-def _shorten(name: object) -> str:
-    """Return a name as text of at most 120 characters, other objects by their repr."""
+def _name_text(name: object) -> str:
+    """Return a name, cut after 120 characters; of an object but text, its repr."""
     text = name if isinstance(name, str) else format_value(name)
     return text[:_LONGEST_VALUE]
-
-
-def _sort_names(candidates: Iterable[object]) -> list[str]:
-    """Return candidates as sorted texts of at most 60 characters each."""
-    return sorted(str(candidate)[:_LONGEST_NAME] for candidate in candidates)
 
 
 def _siblings(name: str, names: list[str]) -> list[str]:

@@ -171,7 +171,7 @@ def write_durably(path: Path, content: bytes) -> None:
 
 
 def write_parts_durably(path: Path, parts: Iterable[bytes]) -> None:
-    """Write a result file as `write_durably`, one part at a time."""
+    """Write a file atomically from its parts, sync it; StoreError if that fails."""
     with (
         convert_os_errors(StoreError, f"{path}: cannot be written"),
         replace_file(path, durable=True) as temporary,
@@ -316,7 +316,7 @@ def parse_json(text: str | bytes, where: str) -> PlainData:
 
 
 def read_lines(path: Path, file: BinaryIO | None = None) -> Iterator[tuple[str, str]]:
-    """Yield place and text of whole lines, none without a file; ConfigError if bad.
+    """Yield "PATH, line N", text of whole lines, none if missing; ConfigError if bad.
 
     A missing file has no lines. A last line without a newline, which a killed writer
     may leave, is skipped.

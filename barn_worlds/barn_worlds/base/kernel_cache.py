@@ -22,7 +22,7 @@ _MARKS = (b"numba", b"barn_worlds.base.arrays", b"NamedTuple")
 
 
 def prepare(package: Path) -> None:
-    """Remove stale kernels or, if read-only, set NUMBA_CACHE_DIR; if set, do nothing.
+    """Remove stale kernels, or set NUMBA_CACHE_DIR if read-only; do nothing if set.
 
     Call this before numba is imported. If the folder is neither beside the source nor
     in the user's cache, a line on stderr names it.
@@ -69,7 +69,7 @@ def kernel_digest(packages: list[Path]) -> str:
 
 
 def _remove_stale(packages: list[Path], note: Path) -> None:
-    """Delete the .nbi index of every kernel if the source of any has changed.
+    """Delete all kernels' .nbi files if a source changed; update `note`, raise nothing.
 
     Args:
         packages: Folders of Python packages.

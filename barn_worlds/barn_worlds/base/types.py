@@ -38,7 +38,7 @@ def quaternion_from_yaw(yaw: float) -> tuple[float, float]:
 
 
 def yaw_from_quaternion(x: float, y: float, z: float, w: float) -> float:
-    """Return the rotation about z in radians, in [-pi, pi].
+    """Return a quaternion's yaw, its rotation about z, in radians in [-pi, pi].
 
     Args:
         x: First component of the vector part; 0 for a rotation about z.
@@ -64,7 +64,7 @@ class Pose2D:
     yaw: float
 
     def __matmul__(self, inner: "Pose2D") -> "Pose2D":
-        """Return `inner`, a pose in this pose's frame, in the reference frame of this."""
+        """Return `inner`, a pose in the frame of this one, in its reference frame."""
         cos = math.cos(self.yaw)
         sin = math.sin(self.yaw)
         return Pose2D(
@@ -97,7 +97,7 @@ class Pose2D:
         return math.hypot(self.x - other.x, self.y - other.y)
 
     def through_quaternion(self) -> "Pose2D":
-        """Return the pose as a message carries it, with its yaw as a quaternion.
+        """Return the pose with its yaw turned into a quaternion and back.
 
         A quaternion does not keep the last bit of the yaw.
         """

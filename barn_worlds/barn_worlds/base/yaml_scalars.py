@@ -78,7 +78,7 @@ for _loader in (TextLoader, CoreLoader, RosLoader):
 
 
 def _declare(loader: Any, name: str, pattern: str, constructor: Any = None) -> None:
-    """Make a loader read scalars of a pattern as type `name`, and the dumper quote."""
+    """Make a loader read a pattern's scalars as type `name`, `Dumper` quote them."""
     tag = _TAG + name
     expression = re.compile(rf"(?:{pattern})\Z")
     loader.add_implicit_resolver(tag, expression, None)

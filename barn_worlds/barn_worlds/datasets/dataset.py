@@ -89,11 +89,11 @@ class Dataset:
     def _load_for_robot(
         self, world_number: int, robot: Robot, course: Sequence[float]
     ) -> World:
-        """Load a world of this data set and return it as a robot drives it."""
+        """Return a world scaled to a robot, with a path for it (`fit_to_robot`)."""
         return fit_to_robot(self.load_scaled(world_number, robot), robot, course)
 
     def load_scaled(self, world_number: int, robot: Robot) -> World:
-        """Return a world scaled to a robot: maneuvers always, shipped if too narrow.
+        """Return a world, scaled to a robot if a maneuver, or shipped and too narrow.
 
         Every maneuver has the robot's size. A world of another shipped data set is
         scaled up, with a note, only if it is too narrow for the robot.
@@ -138,15 +138,15 @@ class Dataset:
         maps = replace(self, readers=self.maps or self.readers)
         routes: list[World] = []
         for world in map(maps.load, maps.world_numbers):
-            own = [fit_to_robot(world, robot, course) for course in courses]
+            world_routes = [fit_to_robot(world, robot, course) for course in courses]
             if count:
-                own += draw_routes(world, robot, count, seed)
-            if len(own) > 1:
-                own = [
+                world_routes += draw_routes(world, robot, count, seed)
+            if len(world_routes) > 1:
+                world_routes = [
                     replace(route, name=f"{world.name} route {number}")
-                    for number, route in enumerate(own)
+                    for number, route in enumerate(world_routes)
                 ]
-            routes += own
+            routes += world_routes
         return dict(enumerate(routes))
 
     def require_fit(self, robot: Robot, world_numbers: Iterable[int]) -> None:
@@ -192,7 +192,7 @@ def dataset_files() -> dict[str, Path]:
 
 
 def open_dataset(source: str | Path, robot: Robot = STANDARD_ROBOT) -> Dataset:
-    """Return the shipped data set of a name, else that at a path; read worlds later.
+    """Open a shipped data set by name, else that at a path, lazily; WorldError if none.
 
     A world has the number in its file's name. If a number is missing or not unique,
     files are numbered from 0 in order of their names.
@@ -275,7 +275,7 @@ def _open_folder(path: Path, robot: Robot) -> Dataset:
 
 
 def _open_worlds(name: str, files: Sequence[Path], robot: Robot) -> Dataset:
-    """Return a data set of worlds read on demand: one per file, or route if any."""
+    """Return a data set, a world per route if map files name any, else per file."""
     numbers = [single.number_in(file) for file in files]
     is_unique = None not in numbers and len(set(numbers)) == len(files)
     readers: dict[int, Callable[[], World]] = {}
@@ -312,7 +312,7 @@ _PART = re.compile(r"(\d{1,9})(?:-(\d{1,9})|:(\d{1,9})(?::(\d{1,9}))?)?")
 def select_worlds(
     spec: str | int | Iterable[int], world_numbers: Iterable[int]
 ) -> list[int]:
-    """Return the numbers that "0-49,60" or "all" select; WorldError if one is missing.
+    """Return the numbers of "60,0-9" or "all", in this order; WorldError for a bad one.
 
     Each number occurs once.
 
@@ -347,7 +347,10 @@ def select_worlds(
 
 
 def _select_part(part: str, numbers: Sequence[int]) -> Iterator[int]:
-    """Yield a part's numbers; WorldError if none exist or gapless ones lack one."""
+    """Yield the numbers that one part of a selection has; WorldError if not allowed.
+
+    A range needs one existing number; among numbers without gaps, all must exist.
+    """
     if part == "all":
         yield from numbers
         return

@@ -204,7 +204,7 @@ def narrowness(world: World) -> float:
 def generate_ranked_dataset(
     parameters: DatasetParameters, progress: Progress | None = None
 ) -> tuple[list[World], WorldOrder]:
-    """Generate worlds; return those that `keep` selects and their narrowness scores.
+    """Generate worlds; return all, or `keep` of them by score, and narrowness scores.
 
     The widest and the narrowest world are always kept.
 
@@ -251,7 +251,7 @@ def write_dataset(
     parameters: DatasetParameters | None = None,
     progress: Progress | None = None,
 ) -> None:
-    """Generate a data set; write it as .npz, with its .manifest.json beside it.
+    """Generate a data set; write it, by narrowness, as .npz and .manifest.json.
 
     `write_dataset(Path("barn300.npz"))` makes the worlds that the package ships.
 
@@ -286,8 +286,8 @@ def write_ordered(
     worlds: Sequence[World],
     order: WorldOrder,
     entries: Mapping[str, object],
-) -> dict[int, World]:
-    """Write worlds, numbered by rising score, as .npz and manifest; return them.
+) -> None:
+    """Write worlds, numbered by rising score, as .npz and .manifest.json.
 
     Args:
         target: File to write, .npz.
@@ -300,13 +300,12 @@ def write_ordered(
     # `renumber` has sorted the worlds by these scores.
     manifest_order = {"by": order.by, "scores": sorted(order.scores)}
     write_dataset_file(target, name, numbered, {**entries, "order": manifest_order})
-    return numbered
 
 
 def automaton_grids(
     parameters: WorldParameters, generator: np.random.Generator
 ) -> Iterator[BoolGrid]:
-    """Yield the random grid, with filled end rows, and that after each iteration.
+    """Yield a random grid, then that after each smoothing, both end rows always filled.
 
     Args:
         parameters: Fill, cellular automaton and size.
@@ -325,7 +324,7 @@ def automaton_grids(
 
 @strict_kernel
 def smooth(grid: BoolGrid, fill_threshold: int, clear_threshold: int) -> BoolGrid:
-    """Return a new grid after one iteration of the cellular automaton.
+    """Return a new grid after one step of the cellular automaton on all cells at once.
 
     Cells above the first and below the last row count as filled, corners included.
     Cells beside the first and the last column count as free.

@@ -253,11 +253,17 @@ def add_crossings(
 
 
 def _field(world: World) -> tuple[float, float, float, float]:
-    """Return x_min, y_min, x_max, y_max in m of the area without the lead-in."""
-    if world.corner_m is not None:
+    """Return x_min, y_min, x_max, y_max in m of a world, without lead-in or start area.
+
+    The lead-in is that of BARN worlds, the start area that of DynaBARN's arenas.
+    """
+    # The square inside of the walls; an arena of DynaBARN also has the start behind it.
+    if world.corner_m == _CORNER_M:
         return -_HALF_M, -_HALF_M, _HALF_M, _HALF_M
-    left, _, right, above = world.bounds_m
-    return left, above - world.cols * world.resolution_m, right, above
+    left, below, right, above = world.bounds_m
+    if world.corner_m is None:
+        below = above - world.cols * world.resolution_m
+    return left, below, right, above
 
 
 def _obstacle_count(
@@ -303,9 +309,9 @@ def _build_obstacle(
 def _polynomial_points(
     parameters: MotionParameters, generator: np.random.Generator
 ) -> Points:
-    """Return points (n, 2) in m on a random polynomial, x rising, or raise WorldError.
+    """Return points (n, 2) in m of a random polynomial, x rising, or raise WorldError.
 
-    Raises WorldError if 1000 polynomials in a row are undetermined or too short.
+    That is if 1000 polynomials in a row are undetermined or too short.
 
     The polynomial is fitted to random points in whole meters (it passes through them if
     there is one more than its order). The motion follows it from its first to its last

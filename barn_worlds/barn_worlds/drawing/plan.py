@@ -72,7 +72,7 @@ class CoursePlan:
             )
 
     def pdf(self) -> bytes:
-        """Return all pages as PDF, the same bytes every time; ConfigError if too many.
+        """Return all pages as PDF, always the same bytes; ConfigError above 1000 tiles.
 
         Raises:
             ConfigError: If the scale needs too many tiles.
@@ -94,7 +94,7 @@ class CoursePlan:
         return figure
 
     def _draw(self, axes: Axes, low: Floats, high: Floats) -> None:
-        """Draw the course between two corners (2,) onto axes."""
+        """Draw the course onto axes, and limit the axes to two corners (2,) in m."""
         scene = scene_of(self.world, self.start, self.goal, self.goal_distance_m)
         size_m = self.config.size_m
         if self.config.shape == "box":
@@ -171,7 +171,7 @@ class CoursePlan:
         return points_m.min(axis=0) - 0.2, points_m.max(axis=0) + 0.2
 
     def _tiles(self) -> Iterator[Figure]:
-        """Yield every tile of the plan to scale, top row first; ConfigError if many."""
+        """Yield each tile to scale, top row first; ConfigError if more than 1000."""
         scale = self.config.scale
         paper_m = np.array(PAPERS[self.config.paper])
         area_m = paper_m - (2.0 * _MARGIN_M, 2.0 * _MARGIN_M + _HEADER_M)

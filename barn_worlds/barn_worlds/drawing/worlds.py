@@ -77,7 +77,7 @@ def routes_figure(worlds: Mapping[int, World]) -> Figure:
     """
     paths_m = {number: world.path_m() for number, world in worlds.items()}
     first = next(iter(worlds.values()))
-    figure, axes = _draw_world(first, shown_m=tuple(paths_m.values()))
+    figure, axes = _draw_world(first, further_m=tuple(paths_m.values()))
     for number, points in paths_m.items():
         color = palette.PLANNERS[number % len(palette.PLANNERS)]
         axes.plot(*points.T, color=color, linewidth=1.5)
@@ -172,11 +172,11 @@ def _draw_world(
     start: Pose2D | None = None,
     goal: Pose2D | None = None,
     goal_distance_m: float = 0.0,
-    shown_m: tuple[Points, ...] = (),
+    further_m: tuple[Points, ...] = (),
 ) -> tuple[Figure, Axes]:
     """Return a new figure of a world without moving obstacles, and its axes in meters.
 
-    `shown_m` are further points (n, 2) that the figure must contain.
+    `further_m` are further points (n, 2) that the figure must contain.
     """
     left, below, right, above = world.bounds_m
     # The grid, without the containment in front of it.
@@ -184,7 +184,7 @@ def _draw_world(
     first, last = (Pose2D(x, y, 0.0) for x, y in world.path_m()[[0, -1]].tolist())
     scene = scene_of(world, start or first, goal or last, goal_distance_m)
     (left, below), (right, above) = scene.view_m(
-        np.array([left, below]), np.array([right, above]), *shown_m
+        np.array([left, below]), np.array([right, above]), *further_m
     )
 
     # Axes of 4.2 inches across, and 1.2 inches for title and labels.

@@ -36,7 +36,7 @@ FORMAT = NpzFormat(
     schema=1,
     largest_file=LARGEST_FILE_BYTES,
     largest=1 << 29,
-    newer=(_SCENE_SCHEMA,),
+    other_schemas=(_SCENE_SCHEMA,),
 )
 
 
@@ -85,7 +85,7 @@ class DatasetFile:
         return world
 
     def _build_world(self, position: int) -> World:
-        """Build the world at a position; do not compare its checksum."""
+        """Build the world at a position, unchecked by checksum; any error if bad."""
         arrays = self.arrays
         entry = self.manifest["worlds"][position]
         rows, cols = map(int, arrays["shape"][position])
@@ -196,7 +196,7 @@ def write_dataset_file(
     worlds: Mapping[int, World],
     extra_entries: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write a data set's .npz and .manifest.json; WorldError for a world as built.
+    """Write a data set's .npz and .manifest.json; WorldError for a surveyed world.
 
     Args:
         path: File to write.

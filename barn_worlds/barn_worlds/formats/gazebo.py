@@ -62,11 +62,11 @@ class GazeboFile:
 
     @classmethod
     def read(cls, path: Path) -> "GazeboFile":
-        """Return the parsed content of a .world or .sdf file, gzipped or not."""
+        """Read and parse a .world or .sdf file, gzipped or not; WorldError if bad."""
         return cls(read_maybe_gzipped(path, LARGEST_WORLD_FILE), str(path))
 
     def course(self) -> list[float]:
-        """Return x, y, yaw of start and goal (6,), [] without; WorldError for only one."""
+        """Return x, y, yaw of start, then goal; [] for neither, WorldError for one."""
         course: list[float] = []
         for name in ("start", "goal"):
             if self._world.element.find(f"frame[@name='{name}']") is None:
@@ -158,7 +158,7 @@ class GazeboFile:
 
     @cached_property
     def cylinders(self) -> tuple[Points, list[float]]:
-        """Centers (n, 2) and radii (m) of cylinders; saved states win over <pose>."""
+        """Centers (n, 2) and n radii (m), by any saved state; WorldError if none."""
         cylinders: list[tuple[float, float, float]] = []
         try:
             for model, scale in self._world.models():
@@ -177,7 +177,7 @@ class GazeboFile:
 
     @cached_property
     def _world(self) -> Scope:
-        """The world as Gazebo loads it: with the changes of its saved state."""
+        """The world after its saved state's changes; WorldError for foreign parts."""
         worlds = self._root.findall("world")
         if len(worlds) > 1:
             raise self._error(f"has {len(worlds)} worlds; keep only one")
@@ -272,7 +272,7 @@ class GazeboFile:
 
 
 def fill_hollow(visible: BoolGrid, free: tuple[int, int] | None = None) -> BoolGrid:
-    """Return a grid with enclosed gaps filled where the file allows it, not at `free`.
+    """Return a copy with enclosed gaps filled where the file allows it, not at `free`.
 
     A file leaves out filled cells whose 8 neighbors are all filled. An enclosed gap may
     consist of such cells or be empty: the file looks the same. But if filling a gap
@@ -287,27 +287,29 @@ def fill_hollow(visible: BoolGrid, free: tuple[int, int] | None = None) -> BoolG
         visible: Cells that the file shows, True where filled.
         free: Row and column of a cell whose gap stays empty.
     """
+    # Imported here, as by `label_regions`.
+    from scipy.ndimage import find_objects  # noqa: PLC0415
+
     grid: BoolGrid = visible.copy()
     labels, sizes = label_regions(~visible, 8)
-    # The cells of one gap after the other, for slices instead of a search for each.
-    by_label = np.argsort(labels, axis=None, kind="stable")
-    first = np.cumsum([np.count_nonzero(visible), *sizes[1:]])
+    boxes = find_objects(labels)
     for index in np.argsort(-sizes[1:], kind="stable").tolist():
-        gap = np.unravel_index(by_label[first[index] : first[index + 1]], visible.shape)
-        at_border = False
-        surroundings = []
-        for positions, side in zip(gap, visible.shape, strict=True):
-            low = int(positions.min())
-            high = int(positions.max())
-            at_border |= low == 0 or high == side - 1
-            surroundings.append(slice(max(0, low - 2), high + 3))
-        if at_border or (free is not None and labels[free] == index + 1):
+        label = index + 1
+        is_enclosed = free is None or labels[free] != label
+        around = []
+        for span, side in zip(boxes[index], visible.shape, strict=True):
+            is_enclosed &= span.start > 0 and span.stop < side
+            around.append(slice(max(0, span.start - 2), span.stop + 2))
+        if not is_enclosed:
             continue
 
-        grid[gap] = True
-        around = tuple(surroundings)
-        if (hollow_cells(grid[around]) & visible[around]).any():
-            grid[gap] = False
+        # A view of the cells of the gap and of those that filling it may surround.
+        place = tuple(around)
+        part = grid[place]
+        gap = labels[place] == label
+        part[gap] = True
+        if (hollow_cells(part) & visible[place]).any():
+            part[gap] = False
     return grid
 
 

@@ -30,7 +30,7 @@ from barn_worlds.base.errors import (
     ConfigError,
     WorldError,
     format_error,
-    join_names,
+    list_names,
     note,
     suggest_similar,
 )
@@ -89,7 +89,7 @@ class MapRoute(Checked):
     waypoints: Any = None  # declared so that the error can name it
 
     def __post_init__(self) -> None:
-        """Raise ConfigError for waypoints and for a goal of 1 or more than 3 numbers."""
+        """Raise ConfigError for waypoints, and unless the goal has 2 or 3 numbers."""
         super().__post_init__()
         self.require(
             self.waypoints is None,
@@ -222,13 +222,13 @@ def read_map_file(path: Path) -> MapFile:
                 content["routes"] = read_legs(path.parent / content["routes"])
             content |= _read_scalars(parse_yaml(file, str(path), TextLoader))
             names = [item.name for item in fields(MapFile)]
-            others = [key for key in content if key not in names]
+            foreign = [key for key in content if key not in names]
             # A misspelled key of the suite must not be ignored.
-            ignored = [key for key in others if not suggest_similar(key, _OWN_KEYS)]
+            ignored = [key for key in foreign if not suggest_similar(key, _OWN_KEYS)]
             for key in ignored:
                 del content[key]
             if ignored and "image" in content:
-                note(f"{path}: ignored keys, as in map_server: {join_names(ignored)}")
+                note(f"{path}: ignored keys, as in map_server: {list_names(ignored)}")
         return from_dict(MapFile, content, str(path))
     except ConfigError as error:
         raise WorldError(str(error)) from None
@@ -307,30 +307,31 @@ def read_map(path: Path, map_file: MapFile | None = None) -> OccupancyMap:
             f"{path}: image: {map_file.image!r:.200} does not exist; put the image "
             f"there, or change image{suggest_similar(image.name, names)}"
         )
-    # Images begin with the top row, which has the largest y.
     gray, is_opaque = _read_image(image)
-    shade = gray[::-1] / 255.0
-    if map_file.mode == "raw":
-        values = np.rint(gray[::-1])
-        data = np.where(values <= OCCUPIED, values, UNKNOWN)
-    else:
-        chance = shade if map_file.negate else 1.0 - shade
-        between: Floats | int = UNKNOWN
-        if map_file.mode == "scale":
-            span = map_file.occupied_thresh - map_file.free_thresh
-            share = (chance - map_file.free_thresh) / max(span, 1e-9)
-            between = np.rint(100.0 * share)
-        data = np.select(
-            [
-                ~is_opaque[::-1],
-                chance < map_file.free_thresh,
-                chance > map_file.occupied_thresh,
-            ],
-            [UNKNOWN, 0, OCCUPIED],
-            between,
-        )
+    data = np.where(is_opaque, _cell_values(gray, map_file), UNKNOWN)
     x, y, _ = map_file.origin
-    return OccupancyMap(data.astype(np.int8), map_file.resolution, x, y)
+    # Images begin with the top row, which has the largest y.
+    return OccupancyMap(data[::-1].astype(np.int8), map_file.resolution, x, y)
+
+
+def _cell_values(gray: Floats, map_file: MapFile) -> Floats:
+    """Return gray pixels (0 to 255) as 0 (free) to 100 (occupied) or -1 by the mode."""
+    if map_file.mode == "raw":
+        values = np.rint(gray)
+        return np.where(values <= OCCUPIED, values, UNKNOWN)
+
+    shade = gray / 255.0
+    chance = shade if map_file.negate else 1.0 - shade
+    between: Floats | int = UNKNOWN
+    if map_file.mode == "scale":
+        span = map_file.occupied_thresh - map_file.free_thresh
+        share = (chance - map_file.free_thresh) / max(span, 1e-9)
+        between = np.rint(100.0 * share)
+    return np.select(
+        [chance < map_file.free_thresh, chance > map_file.occupied_thresh],
+        [0, OCCUPIED],
+        between,
+    )
 
 
 def filled_cells(grid: OccupancyMap) -> BoolGrid:
@@ -360,7 +361,7 @@ def select_maps(files: Sequence[Path]) -> list[Path]:
         note(
             f"{files[0].parent}: skipped masks (mode scale or raw, or keepout or mask "
             "in the name) and other files that are not maps of obstacles: "
-            f"{join_names(skipped)}; to use one, name the file instead of the folder"
+            f"{list_names(skipped)}; to use one, name the file instead of the folder"
         )
     return maps
 

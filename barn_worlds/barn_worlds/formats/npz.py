@@ -89,7 +89,7 @@ class NpzFormat:
     largest: int
     """Most bytes that a file unpacks to."""
 
-    newer: tuple[int, ...] = ()
+    other_schemas: tuple[int, ...] = ()
     """Further versions that are read; a header of one of them must contain it."""
 
     def write(
@@ -128,8 +128,7 @@ class NpzFormat:
             raise WorldError(f"{path}: not {self.what}: it has no {self.header}")
         header = parse_json(contents.pop(self.header), f"{path}: {self.header}")
         version = header.get("schema") if isinstance(header, dict) else None
-        # A newer schema is read only where the format names it.
-        versions = (self.schema, *self.newer)
+        versions = (self.schema, *self.other_schemas)
         # In Python True is equal to 1.
         if version not in versions or isinstance(version, bool):
             raise WorldError(
@@ -143,7 +142,7 @@ class NpzFormat:
         return header, arrays
 
     def array(
-        self, arrays: Arrays, name: str, path: Path, shape: Shape, kind: str
+        self, arrays: Arrays, name: str, path: Path, shape: Shape, dtype: str
     ) -> AnyArray:
         """Return a named array; WorldError unless finite, of that shape and dtype.
 
@@ -152,7 +151,7 @@ class NpzFormat:
             name: Name of the array.
             path: The file, for an error message.
             shape: Length of each side, None for any.
-            kind: Type of its numbers, such as "float32".
+            dtype: Type of its numbers, such as "float32".
 
         Raises:
             WorldError: If the array is missing, has another shape or type, or contains
@@ -165,10 +164,10 @@ class NpzFormat:
             side in (None, length)
             for side, length in zip(shape, array.shape, strict=True)
         )
-        if not fits or array.dtype != np.dtype(kind):
+        if not fits or array.dtype != np.dtype(dtype):
             sides = " x ".join("any" if side is None else str(side) for side in shape)
             raise WorldError(
-                f"{path}: {name} must be {sides} of {kind}, "
+                f"{path}: {name} must be {sides} of {dtype}, "
                 f"got {array.dtype} of shape {array.shape}"
             )
         if not np.isfinite(array).all():

@@ -90,10 +90,11 @@ def _template() -> jinja2.Template:
 
 
 def trajectories(obstacle: MovingObstacle) -> list[Waypoints]:
-    """Return one or two trajectories of an actor, to be played in turn.
+    """Return an actor's motion as a list of waypoints (s, x, y), or two with a phase.
 
-    Each is a list of waypoints of time (s) from 0, x and y (m). If Gazebo's own spline
-    reproduces the motion, the waypoints are its keys. Else they are `STEP_S` apart.
+    Each list begins at time 0; the second is played after the first. If Gazebo's own
+    spline reproduces the motion, the waypoints are its keys. Else they are `STEP_S`
+    apart.
     """
     motion = obstacle.motion
     period_s = motion.period_s

@@ -43,7 +43,7 @@ class Scope:
         self.element = element
         self.where = where
         self.pose = pose
-        self._own_name = _SCOPES[element.tag]
+        self._frame_name = _SCOPES[element.tag]
         self._elements = {
             child.get("name", ""): child for child in element if child.tag in _FRAMES
         }
@@ -51,7 +51,7 @@ class Scope:
         for child in () if state is None else state:
             self._states[child.tag, child.get("name")] = child
         # Poses by name; None while a pose is being computed.
-        self._frames: dict[str, Transform | None] = {self._own_name: pose}
+        self._frames: dict[str, Transform | None] = {self._frame_name: pose}
         self._models: dict[Element, tuple[Scope, float]] = {}
 
     def models(self) -> Iterator[tuple["Scope", float]]:
@@ -109,7 +109,7 @@ class Scope:
         if inner_name and model in self._elements:
             scope, _ = self._model(self._elements[model])
             return scope.frame(inner_name)
-        names = (self._own_name, *self._elements)
+        names = (self._frame_name, *self._elements)
         raise WorldError(f"{self.where}: no frame {name!r:.60}{suggest(name, names)}")
 
     def _model(self, element: Element) -> tuple["Scope", float]:
@@ -137,7 +137,7 @@ class Scope:
 
 
 def read_pose(pose: Element | None, where: str) -> Transform:
-    """Return the transform in a <pose> element, the identity if None or empty.
+    """Return the transform of a <pose>, identity for None or empty; WorldError if bad.
 
     Args:
         pose: The element, with its attributes `rotation_format` and `degrees`.

@@ -82,7 +82,7 @@ class Footprint:
         yaw: float,
         speed: float,
     ) -> Floats:
-        """Return times (n,) in s until the robot meets each shape, inf for never.
+        """Return times (n,) in s until the robot meets shapes' discs, inf for never.
 
         All keep their velocities.
 

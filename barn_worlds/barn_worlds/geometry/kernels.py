@@ -276,7 +276,7 @@ def entry_time(
 
 @strict_kernel
 def polygon_gap(x: float, y: float, corners: Floats) -> float:
-    """Return a point's distance from a convex polygon, minus the depth inside.
+    """Return a point's signed distance from a convex polygon, negative inside.
 
     Args:
         x: Position of the point.

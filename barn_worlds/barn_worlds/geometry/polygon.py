@@ -105,9 +105,9 @@ def offset(corners: Sequence[Corner], distance_m: float) -> tuple[Corner, ...]:
 
 
 def nearest_side_m(corners: Sequence[Corner]) -> float:
-    """Return how far the origin lies inside all side lines of a convex polygon.
+    """Return the distance in m from the origin to the nearest side line, < 0 outside.
 
-    Outside it is negative, by the line that the origin is farthest beyond.
+    Outside of the polygon it is that to the line that the origin is farthest beyond.
     """
     return min(HalfPlane.of_side(*side).distance for side in _sides(corners))
 

@@ -54,9 +54,9 @@ def shortest_path_bound_m(
     # of a wall overlap, so one per square of half their radius closes it as well.
     if len(centers) > MOST_CYLINDERS:
         squares = np.floor(centers / (radius_m / 2.0))
-        _, kept = np.unique(squares, axis=0, return_index=True)
-        detours_m = sum(np.hypot(*(centers[kept] - end).T) for end in (start, goal))
-        centers = centers[kept[np.argsort(detours_m)[:MOST_CYLINDERS]]]
+        _, places = np.unique(squares, axis=0, return_index=True)
+        detours_m = sum(np.hypot(*(centers[places] - end).T) for end in (start, goal))
+        centers = centers[places[np.argsort(detours_m)[:MOST_CYLINDERS]]]
     centers = np.ascontiguousarray(centers)
     corners, outward = _visible_corners(centers, radius_m)
     points = np.concatenate((corners, np.stack((start, goal))))

@@ -17,7 +17,7 @@ class Transform:
     rotation: Floats = field(default_factory=partial(np.eye, 3))
 
     def __matmul__(self, inner: "Transform") -> "Transform":
-        """Return a transform relative to this one in the parent frame of this one."""
+        """Return `inner`, a transform in this frame, in the parent frame."""
         return Transform(
             self.offset + self.rotation @ inner.offset, self.rotation @ inner.rotation
         )

@@ -177,7 +177,7 @@ def pose_with_covariance(data: bytes) -> Pose2D:
 
 @_reads("nav_msgs/msg/Odometry")
 def odometry(data: bytes) -> Odometry:
-    """Return stamp, planar pose, velocity of an Odometry; MessageError if malformed."""
+    """Return the odometry, yaw NaN for an all-zero quaternion; MessageError if bad."""
     stamp_ns, end = _read_stamp(data)
     offset = _align_double(_text_end(data, end))
     x, y, *quaternion, linear, angular = _POSE_AND_TWIST.unpack_from(data, offset)
@@ -201,7 +201,7 @@ def scan(data: bytes) -> Scan:
 
 
 def occupancy_map(data: bytes) -> OccupancyMap:
-    """Return the map, cells copied, of an OccupancyGrid; MessageError if rotated.
+    """Return an OccupancyGrid's map, cells copied; MessageError if bad or rotated.
 
     Raises:
         MessageError: Also if the map is rotated or its number of cells is wrong.

@@ -84,7 +84,7 @@ class Encoder(Generic[T]):
         return self.layout.fill(*self.row(content, stamp_ns))
 
     def row(self, content: T, stamp_ns: int) -> tuple[Any, ...]:
-        """Return the values of a content and a stamp, in the order of `layout`."""
+        """Return stamp (s, ns) and a content's values, in the order of `layout`."""
         stamp = divmod(stamp_ns, NANOSECONDS_PER_SECOND)
         return (*stamp, *self._values(content))
 
@@ -229,7 +229,7 @@ class TransformEncoder:
         return self.layout.fill(*self.row(poses, stamp_ns))
 
     def row(self, poses: Sequence[Pose2D], stamp_ns: int) -> list[float]:
-        """Return the values of poses and a stamp, in the order of `layout`."""
+        """Return stamp (s, ns), x, y and quaternion z, w for each pose, one list."""
         stamp = divmod(stamp_ns, NANOSECONDS_PER_SECOND)
         values: list[float] = []
         for pose in poses:

@@ -142,7 +142,7 @@ class Motion(Checked):
 def _number_table(
     name: str, rows: tuple[tuple[float, ...], ...], width: int, meaning: str
 ) -> Floats:
-    """Return rows as an array (n, width); ConfigError for a wrong or large number."""
+    """Return rows as an array (n, width); ConfigError for a bad length or number."""
     for number, row in enumerate(rows):
         if len(row) != width:
             raise ConfigError(
@@ -223,7 +223,7 @@ class MovingObstacle(Checked):
         self._check_size("box", "size_y_m")
 
     def _check_size(self, shape: str, name: str) -> None:
-        """Raise ConfigError for a size too small, or of the other shape."""
+        """Raise ConfigError if a size is too small, or is set for the other shape."""
         size_m = getattr(self, name)
         if shape == self.shape:
             limit = f"of a {shape} must be at least {_SMALLEST_M:g} m"

@@ -76,7 +76,7 @@ def robot_yaml(robot: Robot) -> str:
 
 
 def _read_robot(path: Path) -> Robot:
-    """Return the robot in a YAML file; a URDF it names fills in chassis keys."""
+    """Return the robot in a YAML file, gaps filled by its URDF; ConfigError if bad."""
     content = read_yaml(path, SCHEMA_VERSION)
     name = content.pop("name", None)
     if not isinstance(name, str) or not name:

@@ -23,7 +23,7 @@ from barn_worlds.base.errors import (
     ConfigError,
     convert_os_errors,
     format_error,
-    join_names,
+    list_names,
     suggest,
 )
 from barn_worlds.base.files import read_at_most
@@ -63,8 +63,8 @@ def read_chassis(path: Path) -> tuple[dict[str, Any], str]:
 
     Wheels are the links with "wheel", "tire" or "tyre" but not "caster" or "swivel" in
     their names that a continuous joint turns. Their sizes and places are those of their
-    collision cylinders. The height of base_link is that over the link base_footprint, if there is
-    one.
+    collision cylinders or spheres. The height of base_link is that over the link
+    base_footprint, if there is one.
 
     Returns:
         The fields, and a sentence on what the file lacks, empty if it lacks nothing.
@@ -90,7 +90,7 @@ def read_chassis(path: Path) -> tuple[dict[str, Any], str]:
 
 
 def _run_xacro(path: Path) -> bytes:
-    """Return the URDF that xacro makes of a file, within limits on time and memory.
+    """Return xacro's output for a file; ValueError or ConfigError if there is none.
 
     Raises:
         ValueError: If xacro is not installed or takes too long.
@@ -126,7 +126,7 @@ def _run_xacro(path: Path) -> bytes:
 
 
 def _read_links(root: Element) -> dict[str, Link]:
-    """Return links with poses in base_link by name; ValueError if they are no tree."""
+    """Return links by name, posed in base_link; ValueError without it or for a ring."""
     elements = {element.attrib["name"]: element for element in root.findall("link")}
     if "base_link" not in elements or len(elements) > _MOST_LINKS:
         raise ValueError(
@@ -172,7 +172,7 @@ def _pose_in_root(name: str, joints: dict[str, tuple[str, Element]]) -> Transfor
 
 
 def _read_inertia(links: dict[str, Link]) -> dict[str, Any]:
-    """Return `Chassis` fields: mass, center of mass, moments of all links together."""
+    """Return `Chassis` fields of mass, center, moments of all links, or ValueError."""
     masses = []
     centers = []
     tensors = []
@@ -205,11 +205,11 @@ def _read_inertia(links: dict[str, Link]) -> dict[str, Any]:
 
 
 def _read_wheels(links: dict[str, Link]) -> tuple[dict[str, Any], str]:
-    """Return `Chassis` fields of the wheels, and what is missing of them in words."""
+    """Return wheels' `Chassis` fields and, in words, what is missing, or ValueError."""
     names = [name for name in links if _WHEEL.search(name) and not _CASTER.search(name)]
     wheels = [name for name in names if links[name].joint_type == "continuous"]
     if not wheels and names:
-        return {}, f"no wheels: no continuous joint turns {join_names(names)}"
+        return {}, f"no wheels: no continuous joint turns {list_names(names)}"
     if not wheels:
         return {}, "no wheels: no link has wheel, tire or tyre in its name"
     sizes = np.array([_read_size(links[name]) for name in wheels])
@@ -231,7 +231,7 @@ def _read_wheels(links: dict[str, Link]) -> tuple[dict[str, Any], str]:
     for what, values_m in (("y", np.abs(y)), ("z", z), ("radius", radius)):
         if np.ptp(values_m) > _LARGEST_SHIFT_M:
             raise ValueError(
-                f"{join_names(wheels)} must be alike, but have {what} "
+                f"{list_names(wheels)} must be alike, but have {what} "
                 f"{values_m.round(4).tolist()} m; name casters so and give casters_m"
             )
     fields = {
@@ -269,7 +269,7 @@ def _read_size(wheel: Link) -> list[float]:
 
 
 def _find_misplacement(links: dict[str, Link], name: str) -> str:
-    """Return in words how a wheel turns other than about y of base_link, or ""."""
+    """Return in words that a wheel's axis is not y or that it is steered, else ""."""
     axis = links[name].axis
     if abs(axis[1]) < _ALONG * np.linalg.norm(axis):
         return f"turns about {axis.round(3).tolist()}, not about y of base_link"
@@ -291,7 +291,7 @@ def _read_origin(parent: Element) -> Transform:
 
 
 def _read_triple(parent: Element, tag: str, key: str) -> Floats:
-    """Return three finite numbers (3,) of a child's attribute, 0 if it is missing."""
+    """Return a child attribute's numbers (3,), 0 if missing; ValueError for others."""
     child = parent.find(tag)
     text = "0 0 0" if child is None else child.get(key, "0 0 0")
     numbers = np.array([float(word) for word in text.split()])

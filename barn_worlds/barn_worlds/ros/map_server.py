@@ -60,7 +60,7 @@ class MapServer(Node):
         self.create_service(Trigger, "~/reload", self._reload)
 
     def publish(self) -> World:
-        """Publish map and path of the world that the parameters name; return it."""
+        """Publish map and path of the parameters' world; return it, or BarnError."""
         config = read_parameters(self, self._config)
         world = open_dataset(config.dataset).load(config.world)
         occupancy = world.occupancy_map(
@@ -91,7 +91,7 @@ class MapServer(Node):
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node until it is stopped and return 0, or the code of a BarnError."""
+    """Run the node until stopped; return 0, or the code of a BarnError, printed."""
     rclpy.init(args=args)
     try:
         rclpy.spin(MapServer())

@@ -20,7 +20,7 @@ T = TypeVar("T")
 
 
 def declare_parameters(node: Node, config: T, *, read_only: bool = False) -> T:
-    """Declare fields as ROS parameters; return values as set; ConfigError if invalid.
+    """Declare fields as ROS parameters; return a copy as set; ConfigError if invalid.
 
     Args:
         node: Node that gets the parameters. Nested fields get dotted names.
@@ -139,7 +139,7 @@ def _descriptor(
 
 
 def _plain(value: Any, default: Any) -> Any:
-    """Return the value of a parameter as plain data of the type of its default."""
+    """Return a parameter's value, made a list or text if its default is one."""
     # rclpy gives arrays for lists of numbers.
     value = as_plain(value, depth=0)
     if isinstance(default, tuple):

@@ -29,7 +29,7 @@ def qos_profile(qos: Qos) -> QoSProfile:
 
 
 def read_endpoint_identity(node: Node) -> bytes:
-    """Return the GID of a publisher, made and destroyed here, of this process.
+    """Return the GID of a publisher that is created, and destroyed, to read it.
 
     The identities of its other endpoints begin with the same bytes.
     """

@@ -139,7 +139,7 @@ def cell_size_m(robot: Robot) -> float:
 
 
 def scale_to_robot(world: World, robot: Robot) -> World:
-    """Return a world with larger cells if a robot is too wide for any path through it.
+    """Return a world with a robot's cell size if its path is too narrow, else itself.
 
     The world itself is returned for other robots, and if it has a scene in meters.
 
@@ -148,8 +148,8 @@ def scale_to_robot(world: World, robot: Robot) -> World:
         robot: Robot that is to drive there.
     """
     path_width_m = world.footprint_cells * world.resolution_m
-    is_narrow = min(robot.length_m, robot.width_m) <= path_width_m
-    if is_narrow or world.corner_m is not None or world.moving or world.walls:
+    fits = min(robot.length_m, robot.width_m) <= path_width_m
+    if fits or world.corner_m is not None or world.moving or world.walls:
         return world
     return replace(world, resolution_m=cell_size_m(robot))
 
@@ -165,26 +165,16 @@ def plan_course(world: World, robot: Robot, course: Course | None = None) -> Wor
     Raises:
         WorldError: If start or goal is blocked, or no path connects them.
     """
-    footprint_cells = robot.footprint_cells(world.resolution_m)
-    cspace = configuration_space(world.occupied, footprint_cells)
+    source = "planned"
     if course is None:
-        (path,) = _choose_paths(cspace, world, robot, footprint_cells, 1, 0)
-        start, goal = _end_poses(path, world)
+        (path,) = _choose_paths(world, robot, 1, 0)
+        course = _end_poses(path, world)
         source = AUTOMATIC_COURSE
     else:
-        start, goal = course
-        _require_free(world, robot, start, goal)
-        path = _plan_between(world, cspace, robot, start, goal)
-        source = "planned"
-
-    return replace(
-        world,
-        path=path,
-        footprint_cells=footprint_cells,
-        provenance=replace(world.provenance, path_source=source),
-        start=start,
-        goal=goal,
-    )
+        _require_free(world, robot, *course)
+        path = _plan_between(world, robot, *course)
+    provenance = replace(world.provenance, path_source=source)
+    return _with_course(world, robot, path, provenance, course)
 
 
 def draw_routes(world: World, robot: Robot, count: int, seed: int = 0) -> list[World]:
@@ -202,25 +192,34 @@ def draw_routes(world: World, robot: Robot, count: int, seed: int = 0) -> list[W
     Raises:
         WorldError: If the world has not as many routes.
     """
-    footprint_cells = robot.footprint_cells(world.resolution_m)
-    cspace = configuration_space(world.occupied, footprint_cells)
-    paths = _choose_paths(cspace, world, robot, footprint_cells, count, seed)
     # A data set file does not keep where its worlds were read from.
     parameters = {"map": world.provenance.path, "routes": count, "seed": seed}
     provenance = replace(world.provenance, parameters=parameters, path_source="planned")
-    routes = []
-    for path in paths:
-        start, goal = _end_poses(path, world)
-        route = replace(
-            world,
-            path=path,
-            footprint_cells=footprint_cells,
-            provenance=provenance,
-            start=start,
-            goal=goal,
-        )
-        routes.append(route)
-    return routes
+    return [
+        _with_course(world, robot, path, provenance, _end_poses(path, world))
+        for path in _choose_paths(world, robot, count, seed)
+    ]
+
+
+def _with_course(
+    world: World, robot: Robot, path: Cells, provenance: Provenance, course: Course
+) -> World:
+    """Return a copy of a world with a path for a robot, its origin, start and goal."""
+    start, goal = course
+    return replace(
+        world,
+        path=path,
+        footprint_cells=robot.footprint_cells(world.resolution_m),
+        provenance=provenance,
+        start=start,
+        goal=goal,
+    )
+
+
+def _configuration_space(world: World, robot: Robot) -> BoolGrid:
+    """Return the C-space (rows, cols) of a world, its walls included, for a robot."""
+    footprint_cells = robot.footprint_cells(world.resolution_m)
+    return configuration_space(world.occupied, footprint_cells)
 
 
 def _end_poses(path: Cells, world: World) -> Course:
@@ -260,9 +259,7 @@ def _require_free(world: World, robot: Robot, start: Pose2D, goal: Pose2D) -> No
             )
 
 
-def _plan_between(
-    world: World, cspace: BoolGrid, robot: Robot, start: Pose2D, goal: Pose2D
-) -> Cells:
+def _plan_between(world: World, robot: Robot, start: Pose2D, goal: Pose2D) -> Cells:
     """Return path cells (n, 2) from start to goal; WorldError if there is no path."""
     points = np.array([(start.x, start.y), (goal.x, goal.y)])
     ends = np.clip(world.containing_cells(points), 0, np.array(world.grid.shape) - 1)
@@ -270,15 +267,15 @@ def _plan_between(
     # The robot may stand closer to obstacles at the ends than along the path, so around
     # them only filled cells block it.
     reach = (world.footprint_cells + 1) // 2
-    open_cspace = cspace.copy()
+    cspace = _configuration_space(world, robot)
     for row, column in ends:
         around = (
             slice(max(0, row - reach), row + reach + 1),
             slice(max(0, column - reach), column + reach + 1),
         )
-        open_cspace[around] = world.occupied[around]
+        cspace[around] = world.occupied[around]
 
-    path = plan_path(open_cspace, *ends)
+    path = plan_path(cspace, *ends)
     if path is None:
         side_m = robot.footprint_cells(world.resolution_m) * world.resolution_m
         raise WorldError(
@@ -289,20 +286,15 @@ def _plan_between(
     return path
 
 
-def _choose_paths(
-    cspace: BoolGrid,
-    world: World,
-    robot: Robot,
-    footprint_cells: int,
-    count: int,
-    seed: int,
-) -> list[Cells]:
+def _choose_paths(world: World, robot: Robot, count: int, seed: int) -> list[Cells]:
     """Return path cells of `count` routes in the largest free region, else WorldError.
 
     The ends have space to all sides and an obstacle in sight of the lidar, if there are
     such places. The same map and seed give the same routes.
     """
     cell_m = world.resolution_m
+    footprint_cells = robot.footprint_cells(cell_m)
+    cspace = _configuration_space(world, robot)
     near, visible = (
         configuration_space(cspace, 2 * round(reach_m / cell_m) + 1)
         for reach_m in (_SPACE_M, _VISIBLE_M)

@@ -12,7 +12,7 @@ import numpy as np
 
 from barn_worlds.base.arrays import BoolGrid, Cells, Floats, Integers, strict_kernel
 from barn_worlds.base.errors import WorldError
-from barn_worlds.worlds.cspace import through_region
+from barn_worlds.worlds.cspace import closest_obstacle, through_region
 
 # Steps of the 8 directions, 45 degrees apart.
 _ROW_STEPS = np.array([0, 1, 1, 1, 0, -1, -1, -1])
@@ -31,7 +31,7 @@ INFLATION_WEIGHT = 5.0
 def plan_path(
     cspace: BoolGrid, start: Sequence[int] | Cells, goal: Sequence[int] | Cells
 ) -> Cells | None:
-    """Return path cells (n, 2), None without a path; WorldError if an end is outside.
+    """Return path cells (n, 2), None if none exists; WorldError if an end is outside.
 
     Two steps in a row turn by at most 45 degrees.
 
@@ -111,23 +111,14 @@ def inflation(cspace: BoolGrid) -> Floats:
         cspace: (rows, cols), True where occupied; the border of the grid is no
             obstacle.
 
-    Returns: (rows, cols): weight / Euclidean distance in cells to the nearest occupied
-        cell, 0 beyond the inflation distance.
+    Returns:
+        Weight / Euclidean distance in cells to the nearest occupied cell, 0 beyond the
+        inflation distance and where occupied, (rows, cols).
     """
-    rows, cols = cspace.shape
-    reach = math.floor(INFLATION_CELLS)
-    padded = np.pad(cspace, reach)
-    penalty = np.zeros((rows, cols))
-    for row_step in range(-reach, reach + 1):
-        for column_step in range(-reach, reach + 1):
-            distance = math.hypot(row_step, column_step)
-            if not 0.0 < distance <= INFLATION_CELLS:
-                continue
-            row = reach + row_step
-            column = reach + column_step
-            is_near = padded[row : row + rows, column : column + cols]
-            np.maximum(penalty, is_near * (INFLATION_WEIGHT / distance), out=penalty)
-    return penalty
+    distance = closest_obstacle(cspace)
+    is_near = (distance > 0.0) & (distance <= INFLATION_CELLS)
+    penalty = np.zeros(cspace.shape)
+    return np.divide(INFLATION_WEIGHT, distance, out=penalty, where=is_near)
 
 
 @strict_kernel

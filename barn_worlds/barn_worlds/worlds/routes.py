@@ -92,7 +92,7 @@ def draw_ends(
 
 
 def _spread_places(cells: Cells, number: int, generator: np.random.Generator) -> Cells:
-    """Return up to `number` of the cells (n, 2), each far from those before."""
+    """Return up to `number` random cells of (n, 2), each far from those before."""
     size = min(len(cells), _CANDIDATES)
     candidates = cells[generator.choice(len(cells), size, replace=False)]
     places = [candidates[0]]
@@ -104,7 +104,7 @@ def _spread_places(cells: Cells, number: int, generator: np.random.Generator) ->
 
 
 def _pool(mask: BoolGrid, block_cells: int) -> BoolGrid:
-    """Return a mask of blocks of a grid, True where any of their cells is."""
+    """Return a mask of square blocks of cells, True where any cell of a block is."""
     margins = [(0, -side % block_cells) for side in mask.shape]
     padded = np.pad(mask, margins)
     rows, cols = padded.shape

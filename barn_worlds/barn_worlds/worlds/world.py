@@ -56,8 +56,7 @@ class World:
     name: str
     # (rows, cols), True where filled.
     grid: BoolGrid
-    # (n, 2) row and column of free, adjoining cells from the first to the last column;
-    # a cell may be repeated.
+    # (n, 2) row and column of free, adjoining cells; a cell may be repeated.
     path: Cells
     # Size of a cell.
     resolution_m: float = geometry.STANDARD_CELL_M
@@ -153,12 +152,12 @@ class World:
 
     @cached_property
     def cylinders_m(self) -> Points:
-        """Centers (n + m, 2) in m of the grid's, then the containment's cylinders."""
+        """Centers (n + m, 2) in m of grid, then containment cylinders, or surveyed."""
         return self.planned_m if self.built_m is None else self.built_m
 
     @cached_property
     def planned_m(self) -> Points:
-        """Centers (n + m, 2) in m of the cells of `cylinders_m`."""
+        """Centers (n + m, 2) in m of grid, then containment cylinders, as planned."""
         obstacles_m = self.cell_centers_m(self._visible_cells)
         if self.corner_m is not None:
             return _read_only(obstacles_m)
@@ -172,7 +171,7 @@ class World:
         return np.argwhere(self.grid & ~geometry.hollow_cells(self.grid))
 
     def _check_built(self, built_m: object) -> Points:
-        """Return a read-only copy of surveyed centers; WorldError if they do not fit."""
+        """Return surveyed centers as a read-only copy; WorldError if they misfit."""
         centers_m: Points = np.array(built_m, np.float64)
         if centers_m.shape != self.planned_m.shape:
             raise WorldError(

@@ -15,6 +15,7 @@ from barn_worlds.datasets.generate_motion import (
     generate_arenas,
     motion_class,
 )
+from barn_worlds.worlds.world import World
 
 
 @pytest.fixture(scope="module", params=sorted(MOTION_CLASSES))
@@ -114,6 +115,17 @@ def test_crossings_of_an_arena_are_square_to_its_drive():
         speed = 20.0 / mover.motion.keys[1][0]
         assert 0.5 - 1e-9 <= speed <= 0.9 + 1e-9
         assert math.isclose(speed, round(speed, 1), abs_tol=1e-9)
+
+
+@pytest.mark.parametrize("add_obstacles", [add_motion, add_crossings])
+def test_obstacles_move_within_the_map_that_gets_them(add_obstacles):
+    path = np.array([[0, 0], [1, 1]])
+    world = World("hall", np.zeros((80, 60), bool), path, corner_m=(30.0, 40.0))
+    moving_world = add_obstacles(world, motion_class("easy"), seed=1, obstacles=4)
+    keys = np.concatenate([mover.motion.keys for mover in moving_world.moving])
+    left, below, right, above = world.bounds_m
+    assert left <= keys[:, 1].min() <= keys[:, 1].max() <= right
+    assert below <= keys[:, 2].min() <= keys[:, 2].max() <= above
 
 
 @pytest.mark.parametrize(

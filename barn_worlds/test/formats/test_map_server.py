@@ -113,6 +113,8 @@ def test_what_is_not_opaque_is_unknown(tmp_path, transparency):
     else:
         gray.save(tmp_path / "m.pgm", "png", transparency=0)
     assert read_map(path).data.tolist() == [[-1, 0, 0], [-1, 100, -1]]
+    path.write_text(YAML + "mode: raw\n")
+    assert read_map(path).data.tolist() == [[-1, -1, -1], [-1, 89, 90]]
 
 
 def test_the_mode_scale_keeps_chances_between_the_thresholds(tmp_path):
