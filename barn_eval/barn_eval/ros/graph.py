@@ -228,7 +228,7 @@ class Integrity:
             )
 
     def require(self, loop: EvaluatorLoop) -> None:
-        """Raise TrialEnded with outcome INTERFERENCE if `look` finds something."""
+        """End the trial as INTERFERENCE if `look` finds any, by hand for 30 s."""
         # By hand, another simulator may have taken the place of one that DDS still
         # shows: it has time to go.
         limit_s = LEASE_S if self.channel is None else 0.0
@@ -247,17 +247,14 @@ class Integrity:
         return self._forbidden_request() or self._foreign_publisher()
 
     def _forbidden_request(self) -> str:
-        """Return the first request that others made of the simulator, or empty.
-
-        It begins with the nodes that can have made it.
-        """
+        """Return which nodes made the first forbidden request, and which; or empty."""
         if self.channel is None or not self.channel.interference:
             return ""
         nodes = ", ".join(self.view.clients_of(self.simulator)) or _UNNAMED
         return f"{nodes} {self.channel.interference[0]}"
 
     def _foreign_publisher(self) -> str:
-        """Return who publishes in place of simulator or evaluator, or empty."""
+        """Return who publishes for simulator or evaluator or has its name, or empty."""
         # By hand, the simulator is known by its name only, which anybody may take.
         participants = set()
         for endpoint in self._publishers_to_protect():

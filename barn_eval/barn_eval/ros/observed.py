@@ -130,8 +130,8 @@ class ObservedSystem:
                 )
         return reset_ns
 
-    def locate(self, odometry: Odometry) -> tuple[Odometry, Odometry]:
-        """Return a reading in a frame that begins at the start, and in the map frame."""
+    def convert_pose(self, odometry: Odometry) -> tuple[Odometry, Odometry]:
+        """Return a reading with its pose in a frame from the start, and in the map."""
         if self.origin is not None:
             pose = self.origin.inverse() @ odometry.pose
             odometry = replace(odometry, pose=pose)
@@ -160,7 +160,7 @@ class ObservedSystem:
         return {}
 
     def _reset(self, spec: TrialSpec, limit_s: float) -> None:
-        """Put the robot at the start, or have the operator do it; may end the trial."""
+        """Have services or operator put the robot at the start; or end the trial."""
         start = spec.course.start
         if self.file.reset == OPERATOR:
             self._allow("start", "abort")
@@ -256,7 +256,7 @@ class ObservedSystem:
         return f"that has no effect now: {calls}"
 
     def _read_keys(self) -> None:
-        """Take a line from the terminal, if there is one, as a call of the operator."""
+        """Take a line from the terminal, if any, as a call; note if it is none."""
         terminal = sys.stdin.fileno()
         # In the background, reading would stop this process.
         is_mine = os.tcgetpgrp(terminal) == os.getpgrp()

@@ -109,11 +109,10 @@ class PlannerClient:
         )
 
     def await_node(self, limit_s: float) -> None:
-        """Wait for the node of `planner_node`, if set, or raise PlannerNotReady.
+        """Wait for `planner_node` (the first time, its services), or PlannerNotReady.
 
-        The first time, it also waits a moment for the node's services.
-
-        A node that starts slowly must not be taken for one without ~/ready.
+        Nothing happens if none is set. A node that starts slowly must not be taken for
+        one without ~/ready.
         """
 
         def describe_missing() -> str:
@@ -195,7 +194,7 @@ class PlannerClient:
         return finding
 
     def report_parameters(self) -> None:
-        """Store and report the ROS parameters of all nodes but the simulator."""
+        """Read, store and report parameters of all nodes but the simulator's."""
         self.parameters = {}
         deadline_s = self._loop.now_s + _ALL_PARAMETERS_S
         # The empty name stands for all nodes whose names discovery has not told yet.
