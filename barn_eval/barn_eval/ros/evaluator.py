@@ -19,7 +19,6 @@ from statistics import mean
 
 import numpy as np
 import rclpy
-from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.node import Node
 
 from barn_eval.results.folder import ResultsFolder
@@ -190,7 +189,7 @@ def _run_by_hand(node: Node, config: EvaluatorConfig) -> int:
         out, run, ExecutionConfig(workers=1), specs, isolation=isolation
     ) as folder:
         context = RunContext(node, config, None)
-        log = LogReporter(node.get_logger())
+        log = Reporter(node.get_logger())
         remaining = folder.remaining
         log.notify(
             f"{len(remaining)} of {folder.total} trials to do, protocol {protocol.name}"
@@ -228,21 +227,6 @@ def _summarize(results: Rows, metric: str) -> str:
     if None not in values:
         text += f", mean {metric} {mean(values):.3f}"
     return text
-
-
-@dataclass
-class LogReporter(Reporter):
-    """Writes what a run tells its user to the log of a node."""
-
-    logger: RcutilsLogger
-
-    def notify(self, text: str) -> None:
-        """Write a text to the node's log, at level info."""
-        self.logger.info(text)
-
-    def warn(self, text: str) -> None:
-        """Write a text to the node's log, at level warning."""
-        self.logger.warning(text)
 
 
 @dataclass
@@ -434,10 +418,7 @@ class TrialRunner:
         )
 
     def _planner_rate(self, status: Mapping[str, int]) -> tuple[float | None, str]:
-        """Return a planner's own rate in Hz with its source; None and empty for none.
-
-        The user is told once of a rate that the simulator has found.
-        """
+        """Return a planner's rate [Hz] and source, or (None, ""); note a found one."""
         declared_hz = self.context.config.planner_rate_hz
         period_ns = status.get("period_ns", 0)
         if period_ns and not status["is_declared"]:

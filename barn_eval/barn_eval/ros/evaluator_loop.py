@@ -43,7 +43,7 @@ class PlannerNotReady(TrialEnded):
     """The planner has not done its part before the trial begins."""
 
     def __init__(self, detail: str):
-        """End the trial as PLANNER_NOT_READY; `detail` is what is missing."""
+        """Store outcome PLANNER_NOT_READY and `detail`, which is what is missing."""
         super().__init__(Outcome.PLANNER_NOT_READY, detail)
 
 

@@ -63,10 +63,8 @@ class GraphView:
         """Return endpoints of other processes not known to be dead, and all actions."""
         publishers: list[Endpoint] = []
         subscriptions: list[Endpoint] = []
-        topics = self._node.get_topic_names_and_types()
-        for topic, _ in topics:
+        for topic, _ in self._node.get_topic_names_and_types():
             publishers += self.publishers(topic)
-        for topic, _ in topics:
             subscriptions += self.subscriptions(topic)
         return Graph(publishers, subscriptions, self._actions())
 

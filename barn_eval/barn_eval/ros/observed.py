@@ -93,7 +93,7 @@ class ObservedSystem:
             loop.poll = self._read_keys
 
     def prepare(self, spec: TrialSpec, start_limit_s: float) -> int:
-        """Have the robot put at the start, set `origin`; TrialEnded if it is not there.
+        """Have the robot put at its start, set `origin`; return time [ns]; or raise.
 
         Args:
             spec: The trial.
@@ -138,7 +138,7 @@ class ObservedSystem:
         return odometry, replace(odometry, pose=self._start @ odometry.pose)
 
     def take_contact(self) -> bool:
-        """Return whether the operator has reported a contact; TrialEnded after abort."""
+        """Return whether a contact was reported; forget it; or TrialEnded by abort."""
         if "abort" in self._calls:
             raise TrialEnded(
                 Outcome.ENVIRONMENT_FAILED, "the operator aborted the trial"
@@ -160,7 +160,7 @@ class ObservedSystem:
         return {}
 
     def _reset(self, spec: TrialSpec, limit_s: float) -> None:
-        """Have services or operator put the robot at the start; or end the trial."""
+        """Have services or the operator put the robot at the start, or raise."""
         start = spec.course.start
         if self.file.reset == OPERATOR:
             self._allow("start", "abort")
@@ -230,7 +230,7 @@ class ObservedSystem:
         return pose
 
     def _allow(self, *names: str) -> None:
-        """Forget the operator's calls; accept only the named ones from now on."""
+        """Forget calls; accept only these from now on, contact only if by operator."""
         self._calls.clear()
         is_reported = self.file.contact == OPERATOR
         self._allowed = tuple(

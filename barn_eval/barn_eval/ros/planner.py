@@ -142,7 +142,7 @@ class PlannerClient:
         self._wait(self.inactive_nodes, self._patience.lifecycle_s, "managed nodes: ")
 
     def await_presence(self, limit_s: float, *, first: bool) -> Finding:
-        """Return the planner's endpoints once complete for a time, or raise TrialEnded.
+        """Await, store and return the planner's endpoints, steadily complete; or raise.
 
         Args:
             limit_s: Longest wait.
@@ -162,7 +162,7 @@ class PlannerClient:
         finding = Finding()
 
         def describe_missing() -> str:
-            """Return what is missing on the graph, empty once complete for a time."""
+            """Return what is missing, "" once steadily complete; raise if wrong."""
             nonlocal finding, complete_since_s, wrong_since_s
             now_s = self._loop.now_s
             finding = inspect(self._view.graph(), self._needs)

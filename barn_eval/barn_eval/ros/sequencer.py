@@ -85,7 +85,7 @@ class TickSequencer:
         return self._open[-1].stamp_ns
 
     def tick(self, stamp_ns: int, sent_ns: int) -> bool:
-        """Begin a tick of /clock, with messages before the first, if its time is new.
+        """Begin a tick if its time is new, with early messages; return whether it is.
 
         Args:
             stamp_ns: The simulated time that the tick tells.

@@ -40,7 +40,7 @@ class SourceFile:
     defaults: dict[str, ast.expr | None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Parse the file; ConfigError if it is not Python."""
+        """Parse the file, collect values and defaults; ConfigError if no Python."""
         try:
             self.tree = ast.parse(self.path.read_bytes())
         except (OSError, SyntaxError, ValueError) as error:
@@ -86,7 +86,7 @@ class SourceFile:
         return nodes
 
     def _nodes(self, call: ast.Call) -> Iterator[LaunchedNode]:
-        """Yield the nodes that a call starts: its own, or those of an included file."""
+        """Yield what a call starts, a node at hand or those of an included file."""
         match _function(call):
             case "Node":
                 package = self._get(call, "package")
@@ -177,7 +177,7 @@ class SourceFile:
         )
 
     def _read_call(self, call: ast.Call) -> Any:
-        """Return the value of a path, wrapper or launch argument; refuse all else."""
+        """Return the value of a path, wrapper or launch argument; else ConfigError."""
         name = _function(call)
         arguments = [*call.args, *(keyword.value for keyword in call.keywords)]
         if name in _JOINS:

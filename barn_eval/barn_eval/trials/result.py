@@ -175,7 +175,7 @@ def challenge_metric(
     optimal_time_s: float | None,
     clip: tuple[float, float] = CHALLENGE_CLIP,
 ) -> float | None:
-    """Return optimal over clipped time; 0 for a failure, None if the first is unknown.
+    """Return optimal over clipped time; 0 for a failure, None if no optimum is known.
 
     Args:
         verdict: How the trial ended.

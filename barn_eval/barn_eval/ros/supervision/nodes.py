@@ -77,7 +77,7 @@ class NodeProcess:
         ]
 
     def variables(self, inherited: Mapping[str, str], folder: Path) -> dict[str, str]:
-        """Return environment variables for it, and make FOLDER/prefix for a package.
+        """Return its variables, without the suite's ROS if foreign; make FOLDER/prefix.
 
         Raises:
             ConfigError: If that cannot be written.
@@ -96,7 +96,7 @@ class NodeProcess:
         sockets: Sequence[socket.socket] = (),
         kind: str = launcher.SUITE,
     ) -> SupervisedProcess:
-        """Start it under a launcher; what it prints is added to FOLDER/NAME.log.
+        """Write its files, start it under a launcher; add output to FOLDER/NAME.log.
 
         Args:
             inherited: Environment variables.

@@ -343,7 +343,7 @@ class _Supervisor:
         self.notice(f"{self._trial} is repeated: {reason}")
 
     def _handle_end(self, process: SupervisedProcess) -> Iterator[TrialRecord]:
-        """Remove an ended process, tell user and evaluator; yield a lost trial.
+        """Clear up an ended process, tell others; yield a trial it costs, or raise.
 
         The evaluator is told of the end, or replaced if it was the one.
         """
