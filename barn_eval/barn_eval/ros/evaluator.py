@@ -246,9 +246,11 @@ class TrialRunner:
     # hand count as isolated.
     isolated: bool = True
 
-    _failed_attempts: int = 0
-    _driven_trials: int = 0
-    _has_told_rate: bool = False
+    def __post_init__(self) -> None:
+        """Begin without a trial."""
+        self._failed_attempts = 0
+        self._driven_trials = 0
+        self._has_told_rate = False
 
     def run(self, trials: Iterable[TrialSpec]) -> None:
         """Run each trial, again where it must be repeated, and keep its record.

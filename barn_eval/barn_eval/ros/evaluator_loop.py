@@ -89,7 +89,7 @@ class EvaluatorLoop:
         self._exits.clear()
 
     def spin(self) -> None:
-        """Run callbacks, note exits, advance `now_s`, or raise StopRequested.
+        """Run callbacks, have ended processes restarted, advance `now_s`; or stop.
 
         It waits 5 ms at most, and asks the supervisor to start ended processes again.
 

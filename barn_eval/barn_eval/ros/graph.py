@@ -186,7 +186,7 @@ class Integrity:
     topics: TrialTopics
     # Topics that only the evaluator publishes.
     evaluator_topics: Collection[str]
-    _remarks: set[str] = field(default_factory=set)
+    _remarks: set[str] = field(init=False, default_factory=set)
 
     @property
     def remarks(self) -> str:
@@ -201,7 +201,7 @@ class Integrity:
             self.channel.interference.clear()
 
     def require_alone(self, loop: EvaluatorLoop, domain: str) -> None:
-        """Raise ConfigError if a node publishes what only the suite's nodes may.
+        """Wait up to 6 s; ConfigError if others publish what only the suite may.
 
         This is before simulator and evaluator begin; it waits up to 6 s for discovery.
 
@@ -245,14 +245,14 @@ class Integrity:
         return self._forbidden_request() or self._foreign_publisher()
 
     def _forbidden_request(self) -> str:
-        """Return which nodes made the first forbidden request, and which; or empty."""
+        """Return the first forbidden request, after who may have made it; or ""."""
         if self.channel is None or not self.channel.interference:
             return ""
         nodes = ", ".join(self.view.clients_of(self.simulator)) or _UNNAMED
         return f"{nodes} {self.channel.interference[0]}"
 
     def _foreign_publisher(self) -> str:
-        """Return who publishes for simulator or evaluator or has its name, or empty."""
+        """Return who publishes as simulator or evaluator, or has its name; or ""."""
         # By hand, the simulator is known by its name only, which anybody may take.
         participants = set()
         for endpoint in self._publishers_to_protect():

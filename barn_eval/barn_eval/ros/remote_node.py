@@ -48,7 +48,7 @@ class RemoteNode:
     process: str
 
     # Clients are made once for each service.
-    _clients: dict[str, Client] = field(default_factory=dict)
+    _clients: dict[str, Client] = field(init=False, default_factory=dict)
 
     def offers(self, service: str) -> bool:
         """Return whether the graph has the service NODE/SERVICE now; do not wait."""

@@ -77,7 +77,7 @@ class SimulatorChannel:
         self._line.send(heard=stamp_ns)
 
     def ignore(self) -> None:
-        """Drop readings until the next reset; it waits for no acknowledgment."""
+        """Drop readings until a reset; have the simulator await no acknowledgment."""
         self._drops_readings = True
         self._line.send(heard=None)
 
@@ -124,7 +124,7 @@ class SimulatorChannel:
         return str(answer["text"])
 
     def _receive(self) -> None:
-        """Take readings, answers and others' requests off the line; do not wait."""
+        """Store whatever has come on the line where its reader looks; do not wait."""
         while (packet := self._line.receive()) is not None:
             match packet:
                 case Reading(topic, data, sent_ns):
@@ -154,7 +154,7 @@ class SimulatorServices(RemoteNode):
         values: Mapping[str, Any] | None = None,
         on: bool = False,
     ) -> str:
-        """Call a ROS service; return text of pause and reset, else ""; or raise.
+        """Act by ROS services; return the text of pause or reset, else ""; or raise.
 
         Args:
             action: "introduce", "set_parameters", "pause" or "reset".
@@ -289,7 +289,7 @@ class SimulatorClient:
         return self._pause(True)
 
     def _pause(self, on: bool) -> dict[str, int]:
-        """Pause or unpause the simulator; return its status numbers by name."""
+        """Pause or unpause the simulator; return numbers of its status, or {}."""
         return _read_status(self._ask("pause", self._patience.service_s, on=on))
 
     def _ask(self, action: str, limit_s: float, **content: object) -> str:

@@ -94,7 +94,7 @@ def package_command(text: str) -> str:
 def give_inputs(
     planners: Sequence[PlannerChoice], inputs: Sequence[str], where: str
 ) -> list[PlannerChoice]:
-    """Return planners with texts for standard input; ConfigError if a text fits none.
+    """Return planners with lines for standard input; ConfigError if a text fits none.
 
     Args:
         planners: The planners of a run.

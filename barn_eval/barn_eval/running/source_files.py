@@ -8,7 +8,6 @@ import ast
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -34,10 +33,6 @@ class SourceFile:
     path: Path
     # Folders of the packages at hand, by name.
     packages: Mapping[str, Path] = field(default_factory=dict)
-    tree: ast.Module = field(default_factory=partial(ast.Module, [], []))
-    # Expressions by the name that they are assigned to, and defaults of arguments.
-    values: dict[str, ast.expr] = field(default_factory=dict)
-    defaults: dict[str, ast.expr | None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Parse the file, collect values and defaults; ConfigError if no Python."""
@@ -45,6 +40,9 @@ class SourceFile:
             self.tree = ast.parse(self.path.read_bytes())
         except (OSError, SyntaxError, ValueError) as error:
             raise ConfigError(f"{self.path}: {error}") from None
+        # Expressions by the name that they are assigned to, and defaults of arguments.
+        self.values: dict[str, ast.expr] = {}
+        self.defaults: dict[str, ast.expr | None] = {}
         for item in ast.walk(self.tree):
             match item:
                 case ast.Assign([ast.Name(name)], value):

@@ -279,7 +279,7 @@ class _Checker:
     def _read(
         self, name: str, parse: Callable[[str, str], tuple[str, T]]
     ) -> Iterator[tuple[str, str, T]]:
-        """Yield ("FILE, line N", trial name, parsed content) for each line of a file.
+        """Yield ("FILE, line N", trial name, content) of valid lines; report others.
 
         Damaged lines, and lines of trials that the run does not have, are reported and
         left out.

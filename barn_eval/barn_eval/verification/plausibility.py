@@ -107,7 +107,7 @@ def find_difference(
 
 
 def find_rescoring_difference(row: TrialResult, spec: TrialSpec) -> Iterator[str]:
-    """Yield a text on the first value of a row, but measures, that its end contradicts.
+    """Yield a text on the first value, measures aside, that differs if scored again.
 
     Measures and motion, which follow from the trajectory, are not compared.
 

@@ -205,7 +205,7 @@ def drive_again(spec: TrialSpec, commands: Floats) -> Readings:
 
 
 def drive_by_planner(spec: TrialSpec, row: TrialResult) -> str:
-    """Drive a trial in mode direct with its planner; return its row's difference.
+    """Drive a trial directly with its planner; return how its row differs, or "".
 
     Args:
         spec: The trial.
@@ -324,7 +324,7 @@ def _check_readings(
 
 
 def _with_planner_of_row(spec: TrialSpec, row: TrialResult) -> TrialSpec:
-    """Return the trial with delays of its row and planner data where one has none."""
+    """Return the trial with its row's delays, and planner data if either has none."""
     if row.delays:
         spec = replace(spec, recorded_ns=unpack_delays(row.delays))
     if not row.planner_config:  # a planner that was started by hand

@@ -327,7 +327,7 @@ def _transport(inherited: Mapping[str, str]) -> dict[str, str]:
 
 
 def discovery_range() -> str:
-    """Return this process's discovery range; LOCALHOST under our profile."""
+    """Return this process's discovery range; LOCALHOST by the suite's profile."""
     # The profile may be that of another installation of the package, from which the
     # process was started.
     profile = Path(os.environ.get(_PROFILE, ""))
