@@ -131,7 +131,7 @@ class ObservedSystem:
         return reset_ns
 
     def convert_pose(self, odometry: Odometry) -> tuple[Odometry, Odometry]:
-        """Return a reading with its pose in a frame from the start, and in the map."""
+        """Return a reading twice: its pose relative to the start, and in the map."""
         if self.origin is not None:
             pose = self.origin.inverse() @ odometry.pose
             odometry = replace(odometry, pose=pose)
