@@ -21,7 +21,7 @@ from barn_worlds.base.errors import ConfigError, convert_os_errors
 def run_observed(
     request: RunRequest, system: Path, *, protocol: str, robot: str, starts: bool
 ) -> list[TrialResult]:
-    """Judge a planner, started here if asked, in a system; return all trials' rows.
+    """Judge one planner, started if asked, in a system; return the folder's rows.
 
     Args:
         request: Its planner, worlds, repetitions, seed, bags and folder.

@@ -155,7 +155,7 @@ class ObservedSystem:
         """Do nothing: time passes in a system in any case."""
 
     def pause(self) -> dict[str, int]:
-        """End the trial for the operator; return no counts, as nothing is paused."""
+        """Ignore the operator's calls from now on; return {}, as nothing is paused."""
         self._allow()
         return {}
 

@@ -179,7 +179,7 @@ def parse_planner_command(text: str) -> tuple[str, str]:
 
 
 def name_planner(command: str) -> str:
-    """Return a name for a command's planner; ConfigError if the suite has that name.
+    """Return a name from a command's script or program; ConfigError for a suite name.
 
     Raises:
         ConfigError: If the command is empty, or the name is one of the registry's.
