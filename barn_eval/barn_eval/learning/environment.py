@@ -365,7 +365,7 @@ class JackalVectorEnv(SyncVectorEnv):
         seed: int | list[int | None] | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[npt.NDArray[Any], Info]:
-        """Begin new episodes in all environments, or in those of `reset_mask`.
+        """Begin episodes in all or `reset_mask` robots; return observations and infos.
 
         Args:
             seed: Seed of the first environment, whose successors get the next numbers;

@@ -10,7 +10,7 @@ without it, driving to and fro would earn something, or resting would.
 
 import math
 from functools import lru_cache
-from typing import TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,10 +27,18 @@ FAILURES = (Outcome.COLLISION, Outcome.LEFT_WORLD, Outcome.INVALID_COMMAND)
 
 # More than the relative error of a squared distance.
 _ROUNDING = 1.0 + 1e-12
-# Discount; rewards per m of progress, per s, per s at an obstacle; range in m beyond
-# which nothing is near; reward per s in which the collision check changes the command, and
-# the most that this adds up to.
-RewardWeights: TypeAlias = tuple[float, float, float, float, float, float, float]
+
+
+class RewardWeights(NamedTuple):
+    """Numbers of `RewardConfig` that compiled code reads."""
+
+    discount: float
+    progress_per_m: float
+    per_second: float
+    near_per_second: float
+    near_m: float
+    shielded_per_second: float
+    shielded_limit: float
 
 
 # Learners meet the same worlds again and again, as long as their data set keeps them.
@@ -96,16 +104,8 @@ def measure_distances_left(
 
 
 def reward_weights(config: RewardConfig) -> RewardWeights:
-    """Return the weights of `reward_steps`, in the order of `RewardWeights`."""
-    return (
-        config.discount,
-        config.progress_per_m,
-        config.per_second,
-        config.near_per_second,
-        config.near_m,
-        config.shielded_per_second,
-        config.shielded_limit,
-    )
+    """Return the weights that `reward_steps` takes from a configuration."""
+    return RewardWeights(*[getattr(config, name) for name in RewardWeights._fields])
 
 
 @kernel
@@ -136,25 +136,23 @@ def reward_steps(
             least 0; changed in place.
         rewards: Rewards (n,), filled.
     """
-    discount, progress_per_m, per_second, near_per_second = weights[:4]
-    near_m, changed_per_second, changed_limit = weights[4:]
     for i in range(len(rewards)):
         nearest = shares[i, 0]
         for beam in range(1, shares.shape[1]):
             nearest = min(nearest, shares[i, beam])
         # Observations are of 32 bits, in which the product would be rounded.
-        nearness = max(0.0, 1.0 - np.float64(nearest) * range_m / near_m)
-        rate = per_second + near_per_second * nearness
+        nearness = max(0.0, 1.0 - np.float64(nearest) * range_m / weights.near_m)
+        rate = weights.per_second + weights.near_per_second * nearness
 
         # A check that works all the time must not outweigh how the episode ends.
-        changed = changed_per_second * changed_s[i]
-        left = max(changed_limit - shielded[i], 0.0)
+        changed = weights.shielded_per_second * changed_s[i]
+        left = max(weights.shielded_limit - shielded[i], 0.0)
         changed = min(max(changed, -left), left)
         shielded[i] += abs(changed)
 
         before = max(start_m[i] - before_m[i], 0.0)
         after = max(start_m[i] - after_m[i], 0.0)
-        progress = progress_per_m * (discount * after - before)
+        progress = weights.progress_per_m * (weights.discount * after - before)
         rewards[i] = progress + rate * driven_s[i] + changed
 
 

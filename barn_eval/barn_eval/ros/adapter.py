@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -54,29 +54,27 @@ class TrialAdapter:
     # Frame of the plans that count; plans in other frames are ignored.
     plan_frame: str = "odom"
 
-    # Of a system that somebody else runs: puts a reading of its poses into the odom and
-    # the map frame, so that it stands for the true pose as well.
-    locate: Callable[[Odometry], tuple[Odometry, Odometry]] | None = None
-
-    # Wall-clock times from scans to the commands that answer them, and their sum.
-    response_times_s: list[float] = field(default_factory=list)
-    waited_s: float = 0.0
-
-    # Simulated times at which commands came.
-    commands_ns: list[int] = field(default_factory=list)
-
-    _odometry: Odometry | None = None
-    _truth: Odometry | None = None
-    _collision: bool = False
-    _unanswered_scan_ns: int | None = None
+    # Converts a pose of a system that somebody else runs: to the odom frame, and to the
+    # map frame, where it stands for the true pose. None for the suite's simulator.
+    convert_pose: Callable[[Odometry], tuple[Odometry, Odometry]] | None = None
 
     def __post_init__(self) -> None:
-        """Set the simulated time, `now_ns`, to the beginning of the trial."""
+        """Begin without readings and commands, at the beginning of the trial."""
         # The simulated time now.
         self.now_ns = self.origin_ns
+        # Wall-clock times from scans to the commands that answer them, and their sum.
+        self.response_times_s: list[float] = []
+        self.waited_s = 0.0
+        # Simulated times at which commands came.
+        self.commands_ns: list[int] = []
+        # The reading that is not judged yet.
+        self._odometry: Odometry | None = None
+        self._truth: Odometry | None = None
+        self._collision = False
+        self._unanswered_scan_ns: int | None = None
 
     def touch(self) -> None:
-        """Note a contact that no message reports; the next reading judges it."""
+        """Store a contact without a message; it counts at the next reading."""
         self._collision = True
 
     def take(self, tick: Tick) -> list[Message]:
@@ -104,15 +102,15 @@ class TrialAdapter:
         return trial_messages
 
     def _take_message(self, message: Message) -> None:
-        """Keep a reading, judging one before it, or pass on status, plan or command."""
+        """Store a reading (judge one before), or give a message to the trial."""
         topics = self.topics
         match message.topic:
             case topics.odometry:
                 self._odometry = self._decode_odometry(message)
-                if self.locate is not None:
+                if self.convert_pose is not None:
                     stamp_ns = self.now_ns - self.origin_ns
                     odometry = replace(self._odometry, stamp_ns=stamp_ns)
-                    self._odometry, self._truth = self.locate(odometry)
+                    self._odometry, self._truth = self.convert_pose(odometry)
             case topics.truth:
                 # A tick has two readings where /clock ticks less often than the robot
                 # is measured.
@@ -134,7 +132,7 @@ class TrialAdapter:
                 self._take_command(message)
 
     def _take_command(self, message: Message) -> None:
-        """Give the trial a command; note its time and the wait since its scan."""
+        """Store a command's time and wait since its scan; give it to the trial."""
         self.commands_ns.append(self.now_ns)
         if self._unanswered_scan_ns is not None:
             response_s = seconds(message.sent_ns - self._unanswered_scan_ns)
@@ -155,7 +153,7 @@ class TrialAdapter:
                 )
 
     def _judge_reading(self) -> bool:
-        """Judge a complete reading, if there is one; return whether a verdict stands."""
+        """Judge and drop a complete reading; return whether a verdict stands."""
         if (
             self._truth is not None
             and self._odometry is not None
@@ -201,7 +199,7 @@ def count_missed_periods(
 def share_of_missed(
     missed: int, commands_ns: Sequence[int], now_ns: int, period_ns: int
 ) -> float:
-    """Return missed over all periods since the first command, at most 1; 0 before one.
+    """Return the share of missed periods since the first command, 0 to 1.
 
     Args:
         missed: Number of missed periods.

@@ -84,7 +84,7 @@ class Attempt:
 
 
 def connect(graph: Graph) -> Attempt:
-    """Return a planner's topics for the suite's, and the options that connect them.
+    """Return an attempt with the planner's topics and the options that connect them.
 
     Args:
         graph: The endpoints of the planner alone.
@@ -143,7 +143,7 @@ def _choose(
 
 
 def try_planner(run: RunConfig, goal: Pose2D, logs: Path) -> Attempt:
-    """Return what a run's only planner does beside a simulator; set os.environ for ROS.
+    """Start a run's only planner beside a simulator; return what it does; set environ.
 
     Args:
         run: The run that it is meant for.
@@ -262,7 +262,7 @@ def _await_graph(process: SupervisedProcess, node: Node, processes: int) -> Grap
 def _listen(
     attempt: Attempt, node: Node, graph: Graph
 ) -> tuple[list[float], list[float]]:
-    """Return lists that will get the times of scans, and of commands from then on."""
+    """Subscribe; return lists that fill with times [s] of scans and later commands."""
     scans_s: list[float] = []
     commands_s: list[float] = []
 

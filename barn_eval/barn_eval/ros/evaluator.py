@@ -19,7 +19,6 @@ from statistics import mean
 
 import numpy as np
 import rclpy
-from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.node import Node
 
 from barn_eval.results.folder import ResultsFolder
@@ -79,7 +78,7 @@ def main(
     *,
     raises: bool = False,
 ) -> int:
-    """Run the evaluator node until its trials have results; return an exit code.
+    """Run the evaluator node until its trials end; log mistakes; return an exit code.
 
     Args:
         arguments: Words of its command line; by default those of this process.
@@ -135,7 +134,7 @@ def main(
 def _run_assignment(
     node: Node, config: EvaluatorConfig, supervisor: EventChannel
 ) -> None:
-    """Run the trials of the assignment file, and send the supervisor their results."""
+    """Run assigned trials, send results; first, if told to, refuse a shared domain."""
     assignment = from_dict(
         Assignment, read_json(Path(config.assignment)), config.assignment
     )
@@ -162,7 +161,7 @@ def _run_assignment(
 
 
 def _run_by_hand(node: Node, config: EvaluatorConfig) -> int:
-    """Run the trials that the parameters define into a folder; return an exit code.
+    """Run trials of the parameters that the folder lacks; return the run's exit code.
 
     Simulator and planner are started by somebody else; the trials wait for them.
     """
@@ -190,7 +189,7 @@ def _run_by_hand(node: Node, config: EvaluatorConfig) -> int:
         out, run, ExecutionConfig(workers=1), specs, isolation=isolation
     ) as folder:
         context = RunContext(node, config, None)
-        log = LogReporter(node.get_logger())
+        log = Reporter(node.get_logger())
         remaining = folder.remaining
         log.notify(
             f"{len(remaining)} of {folder.total} trials to do, protocol {protocol.name}"
@@ -232,21 +231,6 @@ def _summarize(results: Rows, metric: str) -> str:
 
 
 @dataclass
-class LogReporter(Reporter):
-    """Writes what a run tells its user to the log of a node."""
-
-    logger: RcutilsLogger
-
-    def notify(self, text: str) -> None:
-        """Write a text to the node's log, at level info."""
-        self.logger.info(text)
-
-    def warn(self, text: str) -> None:
-        """Write a text to the node's log, at level warning."""
-        self.logger.warning(text)
-
-
-@dataclass
 class TrialRunner:
     """Runs trial after trial, and restarts the other processes after a fault."""
 
@@ -263,9 +247,11 @@ class TrialRunner:
     # hand count as isolated.
     isolated: bool = True
 
-    _failed_attempts: int = 0
-    _driven_trials: int = 0
-    _has_told_rate: bool = False
+    def __post_init__(self) -> None:
+        """Begin without a trial."""
+        self._failed_attempts = 0
+        self._driven_trials = 0
+        self._has_told_rate = False
 
     def run(self, trials: Iterable[TrialSpec]) -> None:
         """Run each trial, again where it must be repeated, and keep its record.
@@ -278,7 +264,7 @@ class TrialRunner:
                 pass
 
     def _attempt(self, spec: TrialSpec) -> bool:
-        """Run a trial once and keep its record; return False if it must run again."""
+        """Run a trial once; keep its record, or return False if it must run again."""
         self.context.loop.report("trial", id=spec.trial_id)
         start_s = time.monotonic()
         started_at = now_text()
@@ -294,14 +280,14 @@ class TrialRunner:
                     culprit=PLANNER,
                 )
 
-            counts = self._settle(verdict)
+            status = self._settle(verdict)
             if trial.released:
                 self._driven_trials += 1
             if self._must_repeat(verdict, trial):
                 return False
 
             duration_s = time.monotonic() - start_s
-            wall_clock = self._wall_clock(trial, verdict, duration_s, counts)
+            wall_clock = self._wall_clock(trial, verdict, duration_s, status)
             wall_clock = replace(wall_clock, started_at=started_at)
             trajectory = trial.trial.log.trajectory()
             clearance_by = "world"
@@ -331,7 +317,7 @@ class TrialRunner:
         return True
 
     def _must_repeat(self, verdict: Verdict, trial: RosTrial) -> bool:
-        """Return whether a trial must run again; count attempts, tell the supervisor.
+        """Count attempts; return whether to repeat a trial; BarnError if none began.
 
         Under a supervisor, a trial whose planner died before it began, or that failed
         by another's fault, runs up to three times; by hand, once.
@@ -362,13 +348,13 @@ class TrialRunner:
         return False
 
     def _settle(self, verdict: Verdict) -> dict[str, int]:
-        """Pause the simulator, restart doubtful processes, return its counts."""
+        """Pause the simulator, restart doubtful processes; return its status, or {}."""
         loop = self.context.loop
         doubtful = _DOUBTFUL_PROCESS.get(verdict.outcome)
-        counts = {}
+        status = {}
         if doubtful != SIMULATOR:
             try:
-                counts = self.context.simulator.pause()
+                status = self.context.simulator.pause()
             except TrialEnded as end:
                 loop.node.get_logger().warning(f"after the verdict: {end}")
                 doubtful = SIMULATOR
@@ -378,17 +364,17 @@ class TrialRunner:
         policy = self.context.config.restart_planner
         if policy == "each_trial" or (policy == "on_fault" and doubtful == PLANNER):
             loop.restart(PLANNER, _RESTART_LIMIT_S)
-        return counts
+        return status
 
     def _wall_clock(
         self,
         trial: RosTrial,
         verdict: Verdict,
         duration_s: float,
-        counts: Mapping[str, int],
+        status: Mapping[str, int],
     ) -> WallClock:
         """Return duration, pace, answer times and missed cycles for a trial's row."""
-        missed_cycles = counts.get("missed_commands", 0)
+        missed_cycles = status.get("missed_commands", 0)
         # Only the drive counts: the waits before it say nothing about the speed.
         factor = verdict.duration_s / trial.wall_s if trial.wall_s else None
         adapter = trial.adapter
@@ -398,7 +384,7 @@ class TrialRunner:
 
         spec = trial.trial.spec
         period_s = spec.simulator.scan_steps * spec.simulator.control_period_s
-        rate_hz, rate_source = self._planner_rate(counts)
+        rate_hz, rate_source = self._planner_rate(status)
         # A planner slower than the scans misses none of its own periods.
         if rate_hz:
             period_s = 1.0 / rate_hz
@@ -434,14 +420,11 @@ class TrialRunner:
             ),
         )
 
-    def _planner_rate(self, counts: Mapping[str, int]) -> tuple[float | None, str]:
-        """Return a planner's own rate in Hz with its source; None and empty for none.
-
-        The user is told once of a rate that the simulator has found.
-        """
+    def _planner_rate(self, status: Mapping[str, int]) -> tuple[float | None, str]:
+        """Return a planner's rate [Hz] and source, or (None, ""); note a found one."""
         declared_hz = self.context.config.planner_rate_hz
-        period_ns = counts.get("period_ns", 0)
-        if period_ns and not counts["is_declared"]:
+        period_ns = status.get("period_ns", 0)
+        if period_ns and not status["is_declared"]:
             rate_hz = 1.0 / seconds(period_ns)
             if not self._has_told_rate:
                 self._has_told_rate = True

@@ -43,7 +43,7 @@ class PlannerNotReady(TrialEnded):
     """The planner has not done its part before the trial begins."""
 
     def __init__(self, detail: str):
-        """End the trial as PLANNER_NOT_READY; `detail` is what is missing."""
+        """Store outcome PLANNER_NOT_READY and `detail`, which is what is missing."""
         super().__init__(Outcome.PLANNER_NOT_READY, detail)
 
 
@@ -89,7 +89,7 @@ class EvaluatorLoop:
         self._exits.clear()
 
     def spin(self) -> None:
-        """Run callbacks, note exits, advance `now_s`, or raise StopRequested.
+        """Run callbacks, have ended processes restarted, advance `now_s`; or stop.
 
         It waits 5 ms at most, and asks the supervisor to start ended processes again.
 

@@ -63,10 +63,8 @@ class GraphView:
         """Return endpoints of other processes not known to be dead, and all actions."""
         publishers: list[Endpoint] = []
         subscriptions: list[Endpoint] = []
-        topics = self._node.get_topic_names_and_types()
-        for topic, _ in topics:
+        for topic, _ in self._node.get_topic_names_and_types():
             publishers += self.publishers(topic)
-        for topic, _ in topics:
             subscriptions += self.subscriptions(topic)
         return Graph(publishers, subscriptions, self._actions())
 
@@ -188,7 +186,7 @@ class Integrity:
     topics: TrialTopics
     # Topics that only the evaluator publishes.
     evaluator_topics: Collection[str]
-    _remarks: set[str] = field(default_factory=set)
+    _remarks: set[str] = field(init=False, default_factory=set)
 
     @property
     def remarks(self) -> str:
@@ -203,7 +201,7 @@ class Integrity:
             self.channel.interference.clear()
 
     def require_alone(self, loop: EvaluatorLoop, domain: str) -> None:
-        """Raise ConfigError if a node publishes what only the suite's nodes may.
+        """Wait up to 6 s; ConfigError if others publish what only the suite may.
 
         This is before simulator and evaluator begin; it waits up to 6 s for discovery.
 
@@ -228,7 +226,7 @@ class Integrity:
             )
 
     def require(self, loop: EvaluatorLoop) -> None:
-        """Raise TrialEnded with outcome INTERFERENCE if `look` finds something."""
+        """End the trial as INTERFERENCE if `look` finds any, by hand for 30 s."""
         # By hand, another simulator may have taken the place of one that DDS still
         # shows: it has time to go.
         limit_s = LEASE_S if self.channel is None else 0.0
@@ -247,17 +245,14 @@ class Integrity:
         return self._forbidden_request() or self._foreign_publisher()
 
     def _forbidden_request(self) -> str:
-        """Return the first request that others made of the simulator, or empty.
-
-        It begins with the nodes that can have made it.
-        """
+        """Return the first forbidden request, after who may have made it; or ""."""
         if self.channel is None or not self.channel.interference:
             return ""
         nodes = ", ".join(self.view.clients_of(self.simulator)) or _UNNAMED
         return f"{nodes} {self.channel.interference[0]}"
 
     def _foreign_publisher(self) -> str:
-        """Return who publishes in place of simulator or evaluator, or empty."""
+        """Return who publishes as simulator or evaluator, or has its name; or ""."""
         # By hand, the simulator is known by its name only, which anybody may take.
         participants = set()
         for endpoint in self._publishers_to_protect():

@@ -34,7 +34,7 @@ def ros_problem() -> str:
 
 @cache
 def probe_isolation() -> str:
-    """Return "apart", "visible", or why planners cannot be isolated on this host.
+    """Return "apart", "visible", or why planners cannot be isolated here; cached.
 
     "apart": in namespaces of their own they neither see nor signal the suite's
     processes. "visible": they only see them.

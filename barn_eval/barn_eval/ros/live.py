@@ -21,7 +21,7 @@ from barn_worlds.base.errors import ConfigError, convert_os_errors
 def run_observed(
     request: RunRequest, system: Path, *, protocol: str, robot: str, starts: bool
 ) -> list[TrialResult]:
-    """Judge one planner's trials in a system; return all of the folder, or ConfigError.
+    """Judge one planner, started if asked, in a system; return the folder's rows.
 
     Args:
         request: Its planner, worlds, repetitions, seed, bags and folder.
@@ -79,7 +79,7 @@ def run_observed(
 
 
 def _keep_log(log: Path, folder: Path) -> None:
-    """Copy a log into a folder of a run, if there is a run."""
+    """Copy a log into a run's folder, made if missing; do nothing without a run."""
     if folder.parent.is_dir():
         with convert_os_errors(ConfigError, folder):
             folder.mkdir(exist_ok=True)

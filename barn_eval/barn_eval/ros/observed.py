@@ -93,7 +93,7 @@ class ObservedSystem:
             loop.poll = self._read_keys
 
     def prepare(self, spec: TrialSpec, start_limit_s: float) -> int:
-        """Have the robot put at the start, set `origin`; TrialEnded if it is not there.
+        """Have the robot put at its start, set `origin`; return time [ns]; or raise.
 
         Args:
             spec: The trial.
@@ -130,15 +130,15 @@ class ObservedSystem:
                 )
         return reset_ns
 
-    def locate(self, odometry: Odometry) -> tuple[Odometry, Odometry]:
-        """Return a reading in a frame that begins at the start, and in the map frame."""
+    def convert_pose(self, odometry: Odometry) -> tuple[Odometry, Odometry]:
+        """Return a reading twice: its pose relative to the start, and in the map."""
         if self.origin is not None:
             pose = self.origin.inverse() @ odometry.pose
             odometry = replace(odometry, pose=pose)
         return odometry, replace(odometry, pose=self._start @ odometry.pose)
 
     def take_contact(self) -> bool:
-        """Return whether the operator has reported a contact; TrialEnded after abort."""
+        """Return whether a contact was reported; forget it; or TrialEnded by abort."""
         if "abort" in self._calls:
             raise TrialEnded(
                 Outcome.ENVIRONMENT_FAILED, "the operator aborted the trial"
@@ -155,12 +155,12 @@ class ObservedSystem:
         """Do nothing: time passes in a system in any case."""
 
     def pause(self) -> dict[str, int]:
-        """End the trial for the operator; return no counts, as nothing is paused."""
+        """Ignore the operator's calls from now on; return {}, as nothing is paused."""
         self._allow()
         return {}
 
     def _reset(self, spec: TrialSpec, limit_s: float) -> None:
-        """Put the robot at the start, or have the operator do it; may end the trial."""
+        """Have services or the operator put the robot at the start, or raise."""
         start = spec.course.start
         if self.file.reset == OPERATOR:
             self._allow("start", "abort")
@@ -230,7 +230,7 @@ class ObservedSystem:
         return pose
 
     def _allow(self, *names: str) -> None:
-        """Forget the operator's calls; accept only the named ones from now on."""
+        """Forget calls; accept only these from now on, contact only if by operator."""
         self._calls.clear()
         is_reported = self.file.contact == OPERATOR
         self._allowed = tuple(
@@ -256,7 +256,7 @@ class ObservedSystem:
         return f"that has no effect now: {calls}"
 
     def _read_keys(self) -> None:
-        """Take a line from the terminal, if there is one, as a call of the operator."""
+        """Take a line from the terminal, if any, as a call; note if it is none."""
         terminal = sys.stdin.fileno()
         # In the background, reading would stop this process.
         is_mine = os.tcgetpgrp(terminal) == os.getpgrp()

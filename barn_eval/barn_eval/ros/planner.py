@@ -109,11 +109,10 @@ class PlannerClient:
         )
 
     def await_node(self, limit_s: float) -> None:
-        """Wait for the node of `planner_node`, if set, or raise PlannerNotReady.
+        """Wait for `planner_node` (the first time, its services), or PlannerNotReady.
 
-        The first time, it also waits a moment for the node's services.
-
-        A node that starts slowly must not be taken for one without ~/ready.
+        Nothing happens if none is set. A node that starts slowly must not be taken for
+        one without ~/ready.
         """
 
         def describe_missing() -> str:
@@ -143,7 +142,7 @@ class PlannerClient:
         self._wait(self.inactive_nodes, self._patience.lifecycle_s, "managed nodes: ")
 
     def await_presence(self, limit_s: float, *, first: bool) -> Finding:
-        """Return the planner's endpoints once complete for a time, or raise TrialEnded.
+        """Await, store and return the planner's endpoints, steadily complete; or raise.
 
         Args:
             limit_s: Longest wait.
@@ -163,7 +162,7 @@ class PlannerClient:
         finding = Finding()
 
         def describe_missing() -> str:
-            """Return what is missing on the graph, empty once complete for a time."""
+            """Return what is missing, "" once steadily complete; raise if wrong."""
             nonlocal finding, complete_since_s, wrong_since_s
             now_s = self._loop.now_s
             finding = inspect(self._view.graph(), self._needs)
@@ -195,7 +194,7 @@ class PlannerClient:
         return finding
 
     def report_parameters(self) -> None:
-        """Store and report the ROS parameters of all nodes but the simulator."""
+        """Read, store and report parameters of all nodes but the simulator's."""
         self.parameters = {}
         deadline_s = self._loop.now_s + _ALL_PARAMETERS_S
         # The empty name stands for all nodes whose names discovery has not told yet.

@@ -387,10 +387,7 @@ class Watchdog:
         return None
 
     def _describe_slowness(self, now: "_PaceWindow") -> str:
-        """Return how slow the planner was over a full 60 s, "" if fast or not full.
-
-        A full window is judged by wall-clock per simulated time, and a new one begins.
-        """
+        """Every 60 s, return how slow the planner was in them; "" if fast or before."""
         start = self._window
         duration_s = now.time_s - start.time_s
         # Over a short time, a first compilation of kernels would look like slowness.

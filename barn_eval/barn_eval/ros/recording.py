@@ -90,7 +90,7 @@ class Recording:
     def _subscribe(
         self, topic: str, type_name: str, profile: Qos, *, judged: bool
     ) -> None:
-        """Register a topic's type and subscribe, or log why it is not recorded."""
+        """Register a topic's type and subscribe, or log why not and never try again."""
         obstacle = register_type(type_name)
         if not obstacle and not self._subscriber.subscribe(
             topic, type_name, profile, judged=judged
@@ -118,7 +118,7 @@ class Recording:
     def write(
         self, recorder: Recorder, messages: Iterable[Message], stamp_ns: int
     ) -> None:
-        """Write a tick's messages to the bag, without excluded and unknown topics.
+        """Write a tick's messages of recorded topics to the bag, latched ones once.
 
         Args:
             recorder: Writes the bag.

@@ -48,7 +48,7 @@ class RemoteNode:
     process: str
 
     # Clients are made once for each service.
-    _clients: dict[str, Client] = field(default_factory=dict)
+    _clients: dict[str, Client] = field(init=False, default_factory=dict)
 
     def offers(self, service: str) -> bool:
         """Return whether the graph has the service NODE/SERVICE now; do not wait."""
@@ -100,7 +100,7 @@ class RemoteNode:
         return _require_success(answer)
 
     def switch(self, service: str, on: bool, limit_s: float) -> str:
-        """Call a std_srvs/SetBool service until it answers, and return its message.
+        """Call a SetBool service until it answers; return its message or raise.
 
         Args:
             service: Name under the node's own.
@@ -140,10 +140,7 @@ class RemoteNode:
             raise ServiceRefused(f"{self.name}: {reason}")
 
     def read_parameters(self, limit_s: float) -> dict[str, str]:
-        """Return up to 1000 parameters of the node as texts by name, long ones cut.
-
-        ServiceTimeout is raised if the node does not answer in time.
-        """
+        """Return up to 1000 parameters by name as text, cut; or ServiceTimeout."""
         request = ListParameters.Request()
         answer = self.call("list_parameters", ListParameters, request, limit_s)
         # In a fixed order, so that two starts of a node report alike.
@@ -229,7 +226,7 @@ def _require_success(answer: Any) -> str:
 
 
 def _value_text(value: ParameterValue) -> str:
-    """Return a parameter's value as text, cut to 100 characters and its SHA-256."""
+    """Return a parameter's value as text; if over 100 characters, cut, with SHA-256."""
     text = str(parameter_value_to_python(value))
     if len(text) <= _MAX_CHARACTERS:
         return text

@@ -85,7 +85,7 @@ class TickSequencer:
         return self._open[-1].stamp_ns
 
     def tick(self, stamp_ns: int, sent_ns: int) -> bool:
-        """Begin a tick of /clock, if its time is new; return whether it is.
+        """Begin a tick if its time is new, with early messages; return whether it is.
 
         Args:
             stamp_ns: The simulated time that the tick tells.
@@ -102,7 +102,7 @@ class TickSequencer:
         return True
 
     def acknowledge(self, stamp_ns: int) -> None:
-        """Record up to which simulated time (ns) all messages have arrived over DDS.
+        """Store up to which simulated time (ns), at most the last tick's, DDS has come.
 
         Anybody can publish a tick of the future; it counts as the last one.
         """
@@ -110,7 +110,7 @@ class TickSequencer:
             self._acknowledged_ns = min(stamp_ns, self._open[-1].stamp_ns)
 
     def add(self, message: Message) -> None:
-        """Put a message into the tick of /clock in which it was sent."""
+        """Put a message into the tick in which it was sent, or keep it for one."""
         if not self._open:
             self._early.append(message)
             return

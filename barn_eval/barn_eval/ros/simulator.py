@@ -33,9 +33,8 @@ _STATUS_VERSION = 1
 class SimulatorChannel:
     """The evaluator's end of the private line to the simulator.
 
-    `barn_sim.ros.leader`, which is at the other end, documents its messages.
-
-    Readings and answers come from the simulator alone: nobody else can send on it.
+    `barn_sim.ros.leader` is at the other end and documents the messages. Nobody but
+    the simulator can send on it.
     """
 
     def __init__(
@@ -78,12 +77,14 @@ class SimulatorChannel:
         self._line.send(heard=stamp_ns)
 
     def ignore(self) -> None:
-        """Drop readings until the next reset, and let the simulator run unheard."""
+        """Drop readings until a reset; have the simulator await no acknowledgment."""
         self._drops_readings = True
         self._line.send(heard=None)
 
     def ask(self, action: str, limit_s: float, **content: object) -> str:
-        """Return the answer to a request; "reset" first clears the last trial's data.
+        """Send a request; return the answer's text or raise. "reset" clears old data.
+
+        An answer to "introduce" also sets `participant`.
 
         Args:
             action: "introduce", "set_parameters", "pause" or "reset".
@@ -123,22 +124,23 @@ class SimulatorChannel:
         return str(answer["text"])
 
     def _receive(self) -> None:
-        """Take readings, answers and others' requests off the line; do not wait."""
+        """Store whatever has come on the line where its reader looks; do not wait."""
         while (packet := self._line.receive()) is not None:
-            if isinstance(packet, Reading):
-                if not self._drops_readings:
-                    topic = self._topic_names[packet.topic]
-                    self._readings.append(Message(topic, packet.data, packet.sent_ns))
-            elif "answer" in packet:
-                self._answers[packet["answer"]] = packet
-            elif "tipped" in packet:
-                self.tip = packet["tipped"]
-            elif "answered" in packet:
-                self.answered_ns.add(packet["answered"])
-                if packet["processor_ns"] is not None:
-                    self.processor_times_s.append(seconds(packet["processor_ns"]))
-            else:
-                self.interference.append(packet["interference"])
+            match packet:
+                case Reading(topic, data, sent_ns):
+                    if not self._drops_readings:
+                        name = self._topic_names[topic]
+                        self._readings.append(Message(name, data, sent_ns))
+                case {"answer": number}:
+                    self._answers[number] = packet
+                case {"tipped": text}:
+                    self.tip = text
+                case {"answered": stamp_ns, "processor_ns": processor_ns}:
+                    self.answered_ns.add(stamp_ns)
+                    if processor_ns is not None:
+                        self.processor_times_s.append(seconds(processor_ns))
+                case {"interference": text}:
+                    self.interference.append(text)
 
 
 class SimulatorServices(RemoteNode):
@@ -152,7 +154,7 @@ class SimulatorServices(RemoteNode):
         values: Mapping[str, Any] | None = None,
         on: bool = False,
     ) -> str:
-        """Ask by ROS services; return the answer's text, "" but for pause and reset.
+        """Act by ROS services; return the text of pause or reset, else ""; or raise.
 
         Args:
             action: "introduce", "set_parameters", "pause" or "reset".
@@ -208,7 +210,7 @@ class SimulatorClient:
         self._dataset = str(dataset.resolve() if dataset.exists() else dataset)
 
     def prepare(self, spec: TrialSpec, start_limit_s: float) -> int:
-        """Pause the simulator, set up and reset a trial; return the time before that.
+        """Pause, set up and reset the simulator; return wall-clock ns before the reset.
 
         Args:
             spec: The trial.
@@ -253,7 +255,7 @@ class SimulatorClient:
     def await_connections(
         self, scan_subscriptions: int, command_publishers: int
     ) -> bool:
-        """Pause and wait for connections; False if they do not come, True if unknown.
+        """Pause and wait for connections; False after the limit, True if unknown.
 
         An endpoint on the graph need not be connected yet, and the first scan of a
         trial must not be lost.
@@ -283,11 +285,11 @@ class SimulatorClient:
         self._pause(False)
 
     def pause(self) -> dict[str, int]:
-        """Pause the simulator; return its counts of the trial by name, {} for none."""
+        """Pause the simulator; return numbers of its status by name, or {}."""
         return self._pause(True)
 
     def _pause(self, on: bool) -> dict[str, int]:
-        """Pause or unpause the simulator; return counts from its answer, or {}."""
+        """Pause or unpause the simulator; return numbers of its status, or {}."""
         return _read_status(self._ask("pause", self._patience.service_s, on=on))
 
     def _ask(self, action: str, limit_s: float, **content: object) -> str:
@@ -301,14 +303,13 @@ class SimulatorClient:
 
 
 def _read_status(text: str) -> dict[str, int]:
-    """Return whole numbers in an answer of the suite's simulator, {} of other texts.
-
-    They are counts, the version of the answer, and flags as 0 and 1.
-    """
+    """Return numbers and flags by name in the suite's simulator's status, else {}."""
     with suppress(ValueError):
         status = json.loads(text)
         if isinstance(status, dict) and status.get("version") == _STATUS_VERSION:
             return {
-                name: count for name, count in status.items() if isinstance(count, int)
+                name: number
+                for name, number in status.items()
+                if isinstance(number, int)
             }
     return {}

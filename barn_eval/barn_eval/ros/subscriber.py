@@ -249,9 +249,9 @@ class TrialQueue:
             )
 
     def read(self) -> None:
-        """Take in what has arrived, and acknowledge ticks on the private line.
+        """Take what has arrived; tell a simulator on the line how far DDS is.
 
-        A simulator on the private line learns every few ticks how far DDS is.
+        It is told every few ticks, or once it may be waiting for that.
         """
         if self._channel is None:
             self._subscriber.read(self._take)
@@ -302,7 +302,7 @@ class TrialQueue:
                 take(tick)
 
     def _take(self, message: Message) -> None:
-        """Count a message into its tick; /clock sets the time; early ones go aside."""
+        """Sort a message into its tick; /clock sets the time; drop early ones."""
         if message.sent_ns < self._reset_ns:
             self._take_early(message)
             return

@@ -149,14 +149,14 @@ class RunContext:
         )
 
     def make_queue(self, reset_ns: int) -> TrialQueue:
-        """Return a trial's queue after a reset; a system sets the planner's origin."""
+        """Return a trial's queue after a reset; of a system, set planner's origin."""
         if self.system is None:
             return TrialQueue(self.subscriber, self.topics, reset_ns, self.channel)
         self.planner.origin = self.system.origin
         return ObservedQueue(self.system, self.subscriber, self.topics, reset_ns)
 
     def _forget_process(self, process: str) -> None:
-        """Hide the endpoints of an ended process: "planner" or "simulator".
+        """Hide the endpoints of an ended "planner" or "simulator"; forget its data.
 
         All that is not the simulator's counts as the planner's.
         """
@@ -255,7 +255,7 @@ class RosTrial:
         return self._explain(verdict)
 
     def _explain(self, verdict: Verdict) -> Verdict:
-        """Return the verdict, with likely causes in it if the planner does nothing."""
+        """Return the verdict; of an idle planner, its detail names likely causes."""
         if verdict.outcome not in _UNEXPLAINED:
             return verdict
         details = [verdict.detail]
@@ -266,7 +266,7 @@ class RosTrial:
         return replace(verdict, detail="; ".join(filter(None, details)))
 
     def _prepare(self) -> TrialQueue:
-        """Reset the simulator, wait for the planner, seed it and send the goal.
+        """Reset simulator, await and reset planner, send the goal; or TrialEnded.
 
         Returns the queue of the trial's messages; simulated time is still stopped.
         """
@@ -356,7 +356,7 @@ class RosTrial:
             )
 
     def _find_unmatched(self, topics: Iterable[str]) -> list[str]:
-        """Discover topics; return those with more publishers than connections."""
+        """Discover topics; return those of `topics` with an unconnected publisher."""
         context = self._context
         context.recording.discover(everything=self._recorder is not None)
         return [
@@ -405,11 +405,12 @@ class RosTrial:
                 context.planner.repeat_goal(self._spec, queue.now_ns)
 
     def _record_tail(self, queue: TrialQueue) -> None:
-        """Record 2 s more of a system, whose odometry shows the arrival late."""
+        """End a system's trial for the operator; record 2 s more if there is a bag."""
         loop = self._context.loop
         if self._context.system is None:
             return
-        # What the operator says from now on does not count.
+        # Its odometry shows the arrival late. What the operator says from now on does
+        # not count.
         self._context.system.pause()
         if self._recorder is None:
             return
@@ -463,7 +464,7 @@ class RosTrial:
         raise TrialEnded(outcome, detail, culprit)
 
     def _begin(self, origin_ns: int) -> TrialAdapter:
-        """Begin the bag at the first tick's time; return the adapter that judges."""
+        """Begin the bag, if any, at the first tick; return the trial's adapter."""
         context = self._context
         self._origin_ns = origin_ns
         if self._recorder is not None:
@@ -476,18 +477,20 @@ class RosTrial:
         frame = context.config.odom_frame
         if self._spec.protocol.map_given:
             frame = context.config.map_frame
-        locate = None if context.system is None else context.system.locate
+        convert_pose = None
+        if context.system is not None:
+            convert_pose = context.system.convert_pose
         return TrialAdapter(
             context.topics,
             self.trial,
             origin_ns,
             command_type,
             frame.lstrip("/"),
-            locate,
+            convert_pose,
         )
 
     def _take(self, tick: Tick) -> None:
-        """Judge a tick; record its messages and scene if there is a bag."""
+        """Judge a tick, record messages and scene if there is a bag, show the score."""
         stamp_ns = tick.stamp_ns
         if self.adapter is None:
             self.adapter = self._begin(stamp_ns)

@@ -18,7 +18,7 @@ _MAX_BYTES = 1 << 30
 
 
 def hash_command_files(words: Sequence[str]) -> dict[str, str]:
-    """Return SHA-256 by name of a command's parameter, launch, code and weight files.
+    """Return SHA-256 by name of files that a command names, and of its package folder.
 
     A file is a word, or the part of a word after := or =, that ends like a file of
     parameters, launch, code or weights. For `ros2 launch PACKAGE FILE` it is also the

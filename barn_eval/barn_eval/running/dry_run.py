@@ -98,7 +98,7 @@ def estimate_run(request: RunRequest, *, overwrite: bool = False) -> DryRun:
 
 
 def _mean_trial_s(request: RunRequest, completed: Rows) -> float:
-    """Return the mean wall-clock time of completed trials [s]; a constant if none."""
+    """Return the mean wall-clock time of completed trials [s]; if none, an estimate."""
     if completed:
         return fmean(row.wall_clock.duration_s for row in completed)
     ros = request.config.ros
@@ -109,7 +109,7 @@ def _mean_trial_s(request: RunRequest, completed: Rows) -> float:
 
 
 def _mean_bag_bytes(out: Path, completed: Rows) -> float:
-    """Return the mean size of completed trials' bags in bytes; a constant if none."""
+    """Return the mean size of completed trials' bags in bytes; if none, an estimate."""
     sizes = []
     for row in completed:
         bag = out / BAGS / row.trial_id

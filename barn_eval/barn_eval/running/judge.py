@@ -113,7 +113,7 @@ def judge(
     *,
     overwrite: bool = False,
 ) -> tuple[RunRequest, Rows]:
-    """Judge trials of one system's bags; write a run's folder; return run and rows.
+    """Judge one system's bags, write a run's folder, return run and rows; or raise.
 
     Args:
         bags: The bags, of one system.
@@ -146,11 +146,11 @@ def judge(
         raise BagError(f"{examples}: judge each system into a folder of its own")
     segments: list[Segment] = []
     for number, drive in enumerate(drives):
-        for segment in _split(drive):
+        for segment in _split_by_goals(drive):
             world = worlds[number % len(worlds)] if worlds else None
             segments.append(_identify(segment, world, options, segments))
 
-    run = _plan(out, options, course, system, segments)
+    run = _make_request(out, options, course, system, segments)
     specs = {spec.trial_id: spec for spec in run.trials()}
     contacts_s = options.numbers("contact_at") if is_operator else None
     finished = {
@@ -185,7 +185,7 @@ def _system_of(drive: ObservedDrive, options: JudgeOptions) -> System:
     )
 
 
-def _split(drive: ObservedDrive) -> Iterator[Segment]:
+def _split_by_goals(drive: ObservedDrive) -> Iterator[Segment]:
     """Yield a drive's segments, one per goal, or the whole; BagError below two poses.
 
     A segment ends before the next goal. The same goal may be sent again and again: it
@@ -194,17 +194,15 @@ def _split(drive: ObservedDrive) -> Iterator[Segment]:
     count = len(drive.poses)
     if not drive.goals:
         yield Segment(drive, 0, count, None)
-    # As complex numbers, whose differences have distances as absolute values.
-    places_m = np.array(
-        [complex(item.content.pose.x, item.content.pose.y) for item in drive.poses]
-    )
+    poses = [logged.content.pose for logged in drive.poses]
+    positions_m = np.array([(pose.x, pose.y) for pose in poses])
     goals: dict[int, Logged] = {}  # by index of their first pose
     last = 0
     for goal in drive.goals:
         first = min(drive.index_at(goal.log_ns - 1) + 1, count - 1)
         # The same pose in the same frame, whenever it was sent.
         if goals and goals[last][1:] == goal[1:]:
-            away_m = abs(places_m[last : first + 1] - places_m[last])
+            away_m = np.hypot(*(positions_m[last : first + 1] - positions_m[last]).T)
             if away_m.max(initial=0.0) < 2.0 * _BACK_M or away_m[-1] > _BACK_M:
                 continue
         last = first
@@ -260,7 +258,7 @@ def _identify(
     return segment
 
 
-def _plan(
+def _make_request(
     out: Path,
     options: JudgeOptions,
     course: Sequence[float],

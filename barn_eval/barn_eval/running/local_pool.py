@@ -180,7 +180,7 @@ class _Worker:
             self.connection.send_bytes(work)
 
     def submit(self, key: str, job: object) -> bool:
-        """Send a job and start its time limit; return False if the pipe is broken."""
+        """Send a job, restart its time limit; return False if the pipe is broken."""
         self.key = key
         self.deadline_s = time.monotonic() + self._limit_s
         self._processor_wait_s = processor_wait_s(self.process.pid)
@@ -193,7 +193,7 @@ class _Worker:
         return True
 
     def receive(self) -> Report:
-        """Return the report that arrived, or the loss of a dead worker, killed here.
+        """Return the arrived report (the last frees the worker), or a dead one's loss.
 
         After a partial result, the time limit counts anew.
         """
@@ -274,7 +274,7 @@ class _Worker:
             self.process.wait(limit_s)
 
     def kill(self) -> None:
-        """Close the pipe and kill the process if it has not ended 0.2 s later."""
+        """Set `is_dead`, close the pipe, kill the process unless it ends in 0.2 s."""
         self.is_dead = True
         self.connection.close()
         # A worker whose pipe closed is about to end by itself, with its own exit code.

@@ -22,7 +22,7 @@ _SPEED_CAP = "max_speed_mps"
 def read_planners(
     entries: Any, commands: Sequence[str], where: str
 ) -> list[PlannerChoice]:
-    """Return planners from a list and commands; the default one if there are neither.
+    """Return planners of a list and commands, without both the default; or ConfigError.
 
     Args:
         entries: Texts as in `read_planner` joined by commas, or a list of those,
@@ -87,14 +87,14 @@ def pop_texts(content: dict[str, Any], option: str, where: str) -> list[str]:
 
 
 def package_command(text: str) -> str:
-    """Return the planner command of "[NAME=]DIR[:EXECUTABLE] [ARGUMENT...]"."""
+    """Return the text of --planner-package as a command: "package:" before DIR."""
     return re.sub(rf"({_NAME}=)?", rf"\1{PREFIX}", text, count=1)
 
 
 def give_inputs(
     planners: Sequence[PlannerChoice], inputs: Sequence[str], where: str
 ) -> list[PlannerChoice]:
-    """Return planners with texts for standard input; ConfigError if a text fits none.
+    """Return planners with lines for standard input; ConfigError if a text fits none.
 
     Args:
         planners: The planners of a run.
@@ -123,7 +123,7 @@ def give_inputs(
 
 
 def _set_command(planners: list[PlannerChoice], name: str, command: str) -> None:
-    """Give the planner of that name a command, in the list; append one if it is new."""
+    """Set a planner's command and its files' hashes in the list, or append one."""
     files = hash_command_files(split_command(command))
     for place, planner in enumerate(planners):
         if planner.name == name:
@@ -133,7 +133,7 @@ def _set_command(planners: list[PlannerChoice], name: str, command: str) -> None
 
 
 def read_planner(entry: Any, where: str) -> PlannerChoice:
-    """Return the planner of "[NAME=]PLANNER[:PRESET]", a mapping (hashed) or a choice.
+    """Return the planner of a text or mapping, files of a command hashed, or as it is.
 
     Args:
         entry: "NAME", "NAME:PRESET", "NEW_NAME=NAME:PRESET" for a planner that is filed
@@ -179,7 +179,7 @@ def parse_planner_command(text: str) -> tuple[str, str]:
 
 
 def name_planner(command: str) -> str:
-    """Return a name for a command's planner; ConfigError if the suite has that name.
+    """Return a name from a command's script or program; ConfigError for a suite name.
 
     Raises:
         ConfigError: If the command is empty, or the name is one of the registry's.

@@ -37,7 +37,7 @@ class PlannerObject:
     source: PlannerSource
 
     def make_planner(self) -> Planner:
-        """Return a new instance of a class, the object, or a wrapped function.
+        """Return a new instance of a class, the object or a wrapped function; or raise.
 
         Raises:
             BarnError: If the class cannot be instantiated.

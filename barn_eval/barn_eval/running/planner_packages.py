@@ -112,7 +112,7 @@ class Executable:
         return [path]
 
     def make_prefix(self, prefix: Path, inherited: Mapping[str, str]) -> dict[str, str]:
-        """Link packages into a ROS prefix; return variables; ConfigError if it fails.
+        """Link packages into a ROS prefix; return PYTHONPATH and AMENT_PREFIX_PATH.
 
         Args:
             prefix: Folder to make.
@@ -201,7 +201,7 @@ def find_executable(text: str) -> Executable:
 
 
 def _choose(name: str, files: Sequence[Path], packages: Sequence[Path]) -> Executable:
-    """Return a name's executable or launch file, or with "" the only executable.
+    """Return the executable or launch file of a name, or the only one; or ConfigError.
 
     Args:
         name: Its name; empty for the only executable.

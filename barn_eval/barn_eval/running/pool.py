@@ -263,7 +263,7 @@ class InlinePool(WorkerPool):
         self._reports.append(report)
 
     def wait(self, limit_s: float) -> list[Report]:  # noqa: ARG002 (the job has ended)
-        """Return the reports since the last call; never waits."""
+        """Return and forget the reports so far; never wait."""
         reports = self._reports
         self._reports = []
         return reports

@@ -73,7 +73,7 @@ class RayPool(WorkerPool):
         self._running[reference] = (key, time.monotonic() + self._limit_s)
 
     def wait(self, limit_s: float) -> list[Report]:
-        """Wait up to `limit_s` [s]; return reports, and losses of late jobs."""
+        """Wait up to `limit_s` [s]; return reports; cancel late jobs as lost."""
         # There is nothing to wait for, and callers would otherwise spin.
         if not self._running:
             time.sleep(min(limit_s, 0.1))

@@ -60,13 +60,17 @@ class Reporter:
     max_trial_lines: float = 100
     """Most trials of a run for which each trial has a line."""
 
+    def __init__(self, log: Any = logger):
+        """Log to a logger of Python or of a ROS node."""
+        self._log = log
+
     def notify(self, text: str) -> None:
         """Log a line of text at level INFO."""
-        logger.info("%s", text)
+        self._log.info(text)
 
     def warn(self, text: str) -> None:
         """Log a line of text at level WARNING."""
-        logger.warning("%s", text)
+        self._log.warning(text)
 
     @contextmanager
     def show_progress(self, progress: "RunProgress") -> Iterator[None]:
@@ -111,7 +115,7 @@ class ConsoleReporter(Reporter):
             self.warn(text)
 
     def warn(self, text: str) -> None:
-        """Print a line of text to the console, brackets as they are."""
+        """Print a line to the console without control characters, outcomes in color."""
         text = strip_controls(text)
         self._console.print(OutcomeColors()(text), soft_wrap=True)
 
@@ -162,7 +166,7 @@ class _LiveTable(Progress):
         super().__init__(*columns, **options)
 
     def get_renderables(self) -> Iterator[RenderableType]:
-        """Yield a table of two planners or more, and the bar."""
+        """Yield a table, for 2 to 12 planners so far, and the bar."""
         tallies = self._progress.tallies
         if 1 < len(tallies) <= _MAX_TALLIES:
             grid = Table.grid(padding=(0, 2))
@@ -254,7 +258,7 @@ class RunProgress:
             self._take_result(event)
 
     def _without_repetition(self, text: str) -> str:
-        """Return a notice; lines after its first are left out if they came before."""
+        """Return a notice; lines after its first come only once, later "as above"."""
         first_line, _, quotation = text.partition("\n")
         if not quotation:
             return text

@@ -221,9 +221,9 @@ def _check_for_ros(execution: ExecutionConfig, where: str) -> ExecutionConfig:
 def _take_objects(
     options: Mapping[str, object],
 ) -> tuple[dict[str, Any], dict[int, World] | None, dict[str, PlannerObject]]:
-    """Return options as plain data, worlds that are objects (or None), and planners.
+    """Return plain options, World objects by number or None, planner objects by name.
 
-    Objects are worlds by number, None without any, and planners by name.
+    Planner objects with one worker run in this process.
     """
     plain: dict[str, Any] = {
         key: as_plain(value) for key, value in options.items() if value is not None
@@ -305,7 +305,7 @@ def _join_remaps(ros: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _reuse_commands(entries: list[Any], file_planners: object, where: str) -> list[Any]:
-    """Return planners; names of those that the file starts by command become these."""
+    """Return planners; a name that the file has a command for becomes its planner."""
     if not isinstance(file_planners, list):
         return entries
     commands: dict[object, object] = {}

@@ -178,7 +178,7 @@ class _Loop:
             yield Notice(result.trial_id, "", text, is_warning=True)
 
     def _keep_result(self, report: JobResult | PartialResult) -> TrialResult:
-        """Write a result with worker, start and attempts to the folder; return it."""
+        """Write and return a result with worker and attempts; take it off its job."""
         record: TrialRecord = report.result
         trial_id = record.result.trial_id
         wall_clock = record.result.wall_clock

@@ -196,10 +196,9 @@ def _replay(
 
 
 def _take_readings(segment: Segment, origin: Pose2D) -> dict[int, Odometry]:
-    """Return true poses by index of the pose.
+    """Return readings in the world's frame by pose index, where stamps increase.
 
-    Poses whose stamps do not increase are left out. A twist that is not known follows
-    from the pose before.
+    A twist that is not known follows from the pose before.
 
     Args:
         segment: The segment.

@@ -112,7 +112,7 @@ def change_command(
 
 
 def read_parameters(command: str, keys: Sequence[str]) -> dict[str, Any]:
-    """Return ROS parameters in a command's files, {} without one; ConfigError if none.
+    """Return ROS parameters in a command's files; {} without files, else all or raise.
 
     Args:
         command: Command of the planner.
@@ -286,7 +286,7 @@ def grid(base: RunRequest, sweep: Sweep) -> list[Setting]:
 
 
 def read_sweep(file: Path | None, texts: Sequence[str]) -> Sweep:
-    """Return values by parameter from command-line texts, else from a YAML file, or {}.
+    """Return values by parameter from texts, else a YAML file, or {}; or ConfigError.
 
     Args:
         file: YAML file that may have a key `sweep`.
@@ -344,7 +344,7 @@ def _with_command(
 
 
 def _make_delayed(base: RunRequest, delay_s: float) -> Setting:
-    """Return the setting in which all commands come `delay_s` late; 0 is no change."""
+    """Return the setting in which all commands come `delay_s` late; 0: as they are."""
     config = base.config
     if delay_s:
         planners = [
@@ -396,7 +396,7 @@ def _require_values(sweep: Sweep) -> None:
 
 
 def _short_names(keys: Sequence[str]) -> list[str]:
-    """Return last parts of dotted names, or whole names if those are not unique."""
+    """Return last parts of dotted names; if not unique, whole names, "=" as "_"."""
     last_parts = [key.rpartition(".")[2] for key in keys]
     # Two groups may have a parameter of the same name.
     if len(set(last_parts)) == len(keys):

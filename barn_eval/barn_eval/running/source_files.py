@@ -8,7 +8,6 @@ import ast
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -34,17 +33,16 @@ class SourceFile:
     path: Path
     # Folders of the packages at hand, by name.
     packages: Mapping[str, Path] = field(default_factory=dict)
-    tree: ast.Module = field(default_factory=partial(ast.Module, [], []))
-    # Expressions by the name that they are assigned to, and defaults of arguments.
-    values: dict[str, ast.expr] = field(default_factory=dict)
-    defaults: dict[str, ast.expr | None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Parse the file; ConfigError if it is not Python."""
+        """Parse the file, collect values and defaults; ConfigError if no Python."""
         try:
             self.tree = ast.parse(self.path.read_bytes())
         except (OSError, SyntaxError, ValueError) as error:
             raise ConfigError(f"{self.path}: {error}") from None
+        # Expressions by the name that they are assigned to, and defaults of arguments.
+        self.values: dict[str, ast.expr] = {}
+        self.defaults: dict[str, ast.expr | None] = {}
         for item in ast.walk(self.tree):
             match item:
                 case ast.Assign([ast.Name(name)], value):
@@ -86,7 +84,7 @@ class SourceFile:
         return nodes
 
     def _nodes(self, call: ast.Call) -> Iterator[LaunchedNode]:
-        """Yield the nodes that a call starts: its own, or those of an included file."""
+        """Yield what a call starts, a node at hand or those of an included file."""
         match _function(call):
             case "Node":
                 package = self._get(call, "package")
@@ -177,7 +175,7 @@ class SourceFile:
         )
 
     def _read_call(self, call: ast.Call) -> Any:
-        """Return the value of a path, wrapper or launch argument; refuse all else."""
+        """Return the value of a path, wrapper or launch argument; else ConfigError."""
         name = _function(call)
         arguments = [*call.args, *(keyword.value for keyword in call.keywords)]
         if name in _JOINS:

@@ -78,7 +78,7 @@ def _exit(_signal: int, _frame: FrameType | None) -> None:
 
 
 def _end_with_parent(descriptor: int) -> None:
-    """Wait until the parent closes the socket, then end this worker by SIGTERM.
+    """Wait until the parent closes the socket; end this worker, by force after 20 s.
 
     `descriptor` is the socket's file descriptor. A running job is interrupted, too.
     """

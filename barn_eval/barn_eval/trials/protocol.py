@@ -337,7 +337,7 @@ class Protocol(Checked):
         return left - edge_m, bottom - edge_m, right + edge_m, top + edge_m
 
     def scaled_to(self, world: World, chassis: Chassis) -> "Protocol":
-        """Return the protocol; for other robots than the standard, scaled to cells.
+        """Return the protocol scaled to a robot's cells; on own courses, arrival only.
 
         Another robot then sees the same course in its own size. Offsets of start and
         goal, the distances that start the clock and end the trial, and the reference

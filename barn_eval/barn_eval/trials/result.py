@@ -175,7 +175,7 @@ def challenge_metric(
     optimal_time_s: float | None,
     clip: tuple[float, float] = CHALLENGE_CLIP,
 ) -> float | None:
-    """Return optimal over clipped time; 0 for a failure, None if the first is unknown.
+    """Return optimal over clipped time; 0 for a failure, None if no optimum is known.
 
     Args:
         verdict: How the trial ended.
@@ -212,7 +212,7 @@ MAX_MISSED_SHARE = 0.02
 # Of rows and run.json. It rises whenever their keys change, as a test holds. Rows of
 # earlier schemas lack some keys of later ones.
 SCHEMA_VERSION = 7
-READABLE_SCHEMAS = (2, 3, 4, 5, 6, 7)
+READABLE_SCHEMAS = range(2, SCHEMA_VERSION + 1)
 _MAX_DELAY_BYTES = 1 << 24
 
 

@@ -119,7 +119,7 @@ class TrialSpec:
 
     @property
     def speed_cap_mps(self) -> float | None:
-        """Declared speed cap in m/s, at most the robot's limit; None if unknown.
+        """Declared cap in m/s up to the robot's limit, else that; None if unknown.
 
         It is unknown of a planner that declares none and that the suite neither
         configures nor holds to the robot's limit.

@@ -65,10 +65,9 @@ class FolderCheck:
 
 
 def check_folder(folder: Path, *, sample: int | None = None) -> FolderCheck:
-    """Check the folder of a run, finished or not, and return problems and counts.
+    """Recompute a folder's rows and drive its commands again; return all problems.
 
-    Every row is recomputed from its recordings, and commands are driven again. The
-    folder is not changed.
+    The run may be unfinished. The folder is not changed.
 
     Args:
         folder: The folder.
@@ -85,7 +84,7 @@ def check_folder(folder: Path, *, sample: int | None = None) -> FolderCheck:
 
 
 def describe_other_task(run_file: RunFile, config: RunConfig) -> str:
-    """Return a problem if run.json's task fingerprint is not this version's, else "".
+    """Return a text if run.json's task fingerprint is not this version's, else "".
 
     Args:
         run_file: The folder's run.json.
@@ -199,7 +198,7 @@ class _Checker:
         commands: Mapping[str, str],
         texts: list[str],
     ) -> None:
-        """Append to `texts` a line per pair of planners with equal successful commands."""
+        """Append to `texts` a line per two planners with trials of equal commands."""
         trials = []
         for trial_id, line in commands.items():
             if trial_id in rows and rows[trial_id].scores.success:
@@ -212,7 +211,7 @@ class _Checker:
             )
 
     def _read_specs(self) -> list[TrialSpec]:
-        """Return the run's trials; on ConfigError note it and omit planners' data."""
+        """Return the run's trials; note a ConfigError and omit planners' data then."""
         try:
             return self._config.trials()
         except ConfigError as error:
@@ -222,7 +221,7 @@ class _Checker:
             return self._config.trials(started_by_hand=True)
 
     def _check_task(self) -> None:
-        """Report code versions that never existed, and a task unlike run.json's."""
+        """Report code versions that never existed, and a task unlike this version's."""
         run_file = self._run_file
         if not _has_known_versions(run_file):
             self._result.problems.append(
@@ -280,7 +279,7 @@ class _Checker:
     def _read(
         self, name: str, parse: Callable[[str, str], tuple[str, T]]
     ) -> Iterator[tuple[str, str, T]]:
-        """Yield ("FILE, line N", trial name, parsed content) for each line of a file.
+        """Yield ("FILE, line N", trial name, content) of valid lines; report others.
 
         Damaged lines, and lines of trials that the run does not have, are reported and
         left out.
@@ -301,7 +300,7 @@ class _Checker:
             problems.append(str(error))
 
     def _keeps_bag(self, row: TrialResult) -> bool:
-        """Tell whether the run keeps a trial's bag; False if the robot never moved."""
+        """Return whether the run keeps this bag; False if the robot never moved."""
         bags = self._config.bags
         is_kept = bags == "all" or (bags == "failed" and not row.scores.success)
         return is_kept and row.measures.driven_m > 0.0
@@ -327,16 +326,15 @@ class _Checker:
             trial_id = trial.row.trial_id
             check = checks[trial_id]
             result.driven += check.was_driven
-            texts = check.problems
             if not self._is_older:
-                texts += check.differences
+                check.problems += check.differences
             elif check.differences:
                 older.append(f"{trial_id}: {check.differences[0]}")
             where = f"{self._folder}: {trial_id}"
             if (trial.row.scores.efficiency or 0.0) > 1.0:
                 # The bound assumes average slip of the tires.
                 result.notes.append(f"{where}: was faster than the bound")
-            result.problems += [f"{where}: {text}" for text in texts]
+            result.problems += [f"{where}: {text}" for text in check.problems]
             if check.bag_problem:
                 result.problems.append(f"{trial.bag}: {check.bag_problem}")
             if check.unchecked:
@@ -352,14 +350,14 @@ class _Checker:
 
 
 def _is_older(run_file: RunFile) -> bool:
-    """Tell whether run.json is of an earlier release; False for unknown versions."""
+    """Return whether run.json is of known code or schema before this version's."""
     versions = run_file.code_versions
     is_earlier = versions != CODE_VERSIONS or run_file.schema_version < SCHEMA_VERSION
     return is_earlier and _has_known_versions(run_file)
 
 
 def _has_known_versions(run_file: RunFile) -> bool:
-    """Tell whether run.json's code versions belong to this version or an earlier one."""
+    """Return whether run.json's code versions are of this suite or an earlier one."""
     versions = run_file.code_versions
     # Schema 2 had no code versions.
     if not versions:
@@ -372,7 +370,7 @@ def _has_known_versions(run_file: RunFile) -> bool:
 
 
 def _check_all(trials: Sequence[TrialEvidence]) -> Iterator[TrialCheck]:
-    """Check trials, a process per CPU; yield checks as they finish, failed if lost."""
+    """Check trials in a process per CPU; yield checks as they end, failed if lost."""
     waiting = deque(trials)
     running = 0
     processes = min(ExecutionConfig().processes, len(trials))
@@ -400,11 +398,11 @@ def _check_all(trials: Sequence[TrialEvidence]) -> Iterator[TrialCheck]:
 
 def _failed_check(trial_id: str, reason: str) -> TrialCheck:
     """Return a check whose only problem is why the trial could not be checked."""
-    return TrialCheck(trial_id, (f"cannot be checked: {reason}",))
+    return TrialCheck(trial_id, [f"cannot be checked: {reason}"])
 
 
 def sample_trials(trial_ids: list[str], count: int) -> set[str]:
-    """Return `count` of the names, or all if fewer, drawn at random at each call.
+    """Return `count` of the names, or all if fewer, drawn anew without a seed.
 
     A forger must not know which trials are drawn.
     """

@@ -107,7 +107,7 @@ def find_difference(
 
 
 def find_rescoring_difference(row: TrialResult, spec: TrialSpec) -> Iterator[str]:
-    """Yield a text on the first score that does not follow from the row itself, if any.
+    """Yield a text on the first value, measures aside, that differs if scored again.
 
     Measures and motion, which follow from the trajectory, are not compared.
 
@@ -305,7 +305,7 @@ def _compare_sums(row: TrialResult, track: Track) -> Iterator[str]:
 
 
 def _compare_ends(row: TrialResult, spec: TrialSpec, track: Track) -> Iterator[str]:
-    """Yield a problem if outcome, arrival or traversal time contradicts the track."""
+    """Yield a problem for each of outcome, arrival and time that the track refutes."""
     protocol = spec.scaled_protocol
     outcome = row.outcome
     times_s = track.samples[:, 0]

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple
@@ -82,13 +82,14 @@ class TrialEvidence:
     drive: bool  # whether to drive them again
 
 
-@dataclass(frozen=True)
+@dataclass
 class TrialCheck:
     """Problems of a trial."""
 
     trial_id: str
-    problems: tuple[str, ...] = ()  # whichever version drove it
-    differences: tuple[str, ...] = ()  # from what this version computes
+    problems: list[str] = field(default_factory=list)  # whichever version drove it
+    # From what this version computes.
+    differences: list[str] = field(default_factory=list)
     bag_problem: str = ""  # why its bag cannot be read to its end
     unchecked: str = ""  # why something could not be checked
     was_driven: bool = False
@@ -106,7 +107,7 @@ class CheckWork(Work):
 
 
 def read_bag(bag: BagFile) -> Readings:
-    """Read a bag's true poses, odometry, contacts and commands, up to any damage.
+    """Return a bag's true poses, odometry, contacts and commands, up to any damage.
 
     Within an instant, the true pose follows the odometry; contact, scan and command
     follow the true pose.
@@ -154,7 +155,7 @@ def _pose_table(poses: Sequence[tuple[float, ...]]) -> Floats:
 
 
 def drive_again(spec: TrialSpec, commands: Floats) -> Readings:
-    """Return readings of a trial driven by commands; ConfigError if one was not due.
+    """Simulate a trial by its commands; return readings; ConfigError if one is not due.
 
     Scans and the pose on the map are not simulated: they have noise of their own, and
     nothing here depends on them.
@@ -204,7 +205,7 @@ def drive_again(spec: TrialSpec, commands: Floats) -> Readings:
 
 
 def drive_by_planner(spec: TrialSpec, row: TrialResult) -> str:
-    """Drive a trial in mode direct with its planner; return the row's difference, or "".
+    """Drive a trial directly with its planner; return how its row differs, or "".
 
     Args:
         spec: The trial.
@@ -255,61 +256,75 @@ def replay_trial(spec: TrialSpec, readings: Readings) -> RunningTrial:
 
 
 def check_trial(evidence: TrialEvidence) -> TrialCheck:
-    """Return a check of a trial's row against its track, bag and commands."""
+    """Check a trial's row against track and bag; drive its commands again if asked."""
     row = evidence.row
     spec = _with_planner_of_row(evidence.spec, row)
-    problems = [
-        *find_implausible_values(row, spec),
-        *compare_with_track(row, spec, evidence.track),
-    ]
-    differences = list(find_rescoring_difference(row, spec))
+    check = TrialCheck(row.trial_id)
+    check.problems += find_implausible_values(row, spec)
+    check.problems += compare_with_track(row, spec, evidence.track)
+    check.differences += find_rescoring_difference(row, spec)
+
     recorded = None
     if evidence.bag is not None:
         bag = BagFile(evidence.bag)
         recorded = read_bag(bag)
         if bag.problem or (bag.is_empty and row.measures.driven_m > 0.0):
-            problem = bag.problem or "the bag is empty"
-            return TrialCheck(
-                row.trial_id, tuple(problems), tuple(differences), problem
-            )
+            check.bag_problem = bag.problem or "the bag is empty"
+            return check
         bag_row = metadata(bag, "barn.result", "result")
         if bag_row:
             # An older bag may lack keys that reading the row has added.
-            differences += find_difference(row, bag_row, "in the bag")
+            check.differences += find_difference(row, bag_row, "in the bag")
     # Older folders have commands only in bags.
     if not evidence.commands and is_current(row) and requires_commands(row, spec):
-        problems.append("its commands are missing")
+        check.problems.append("its commands are missing")
 
-    unchecked = ""
-    simulated = None
     try:
-        commands = _find_commands(evidence, recorded)
-        unchecked = _why_not_driven(row, recorded, commands)
-        if commands is not None and evidence.drive and not unchecked:
-            simulated = drive_again(spec, commands)
-            differences += _compare_drives(row, recorded, simulated)
-        if recorded is not None and simulated is not None:
-            problems += _compare_commands(recorded, simulated)
-        readings = recorded or simulated
-        # Poses of an observed trial are in a frame of their own.
-        if readings is not None and row.observed is None:
-            differences += _judge(row, spec, readings, evidence.track)
+        _check_readings(check, evidence, spec, recorded)
     except BarnError as error:
-        problems.append(str(error))
-    if not unchecked and not row.planner_config:
-        unchecked = "parameters and speed cap of their planner are unknown"
-    return TrialCheck(
-        row.trial_id,
-        tuple(problems),
-        # Two comparisons may find the same difference.
-        tuple(dict.fromkeys(differences)),
-        unchecked=unchecked,
-        was_driven=simulated is not None,
-    )
+        check.problems.append(str(error))
+    # Two comparisons may find the same difference.
+    check.differences = list(dict.fromkeys(check.differences))
+    if not check.unchecked and not row.planner_config:
+        check.unchecked = "parameters and speed cap of their planner are unknown"
+    return check
+
+
+def _check_readings(
+    check: TrialCheck,
+    evidence: TrialEvidence,
+    spec: TrialSpec,
+    recorded: Readings | None,
+) -> None:
+    """Drive commands again if possible; add to `check` what differs from row and bag.
+
+    Args:
+        check: The check so far.
+        evidence: What the folder holds of the trial.
+        spec: The trial.
+        recorded: Readings of its bag, if there is one.
+
+    Raises:
+        BarnError: If the commands cannot be read or driven.
+    """
+    row = evidence.row
+    commands = _find_commands(evidence, recorded)
+    check.unchecked = _why_not_driven(row, recorded, commands)
+    simulated = None
+    if commands is not None and evidence.drive and not check.unchecked:
+        simulated = drive_again(spec, commands)
+        check.was_driven = True
+        check.differences += _compare_drives(row, recorded, simulated)
+        if recorded is not None:
+            check.problems += _compare_commands(recorded, simulated)
+    readings = recorded or simulated
+    # Poses of an observed trial are in a frame of their own.
+    if readings is not None and row.observed is None:
+        check.differences += _judge(row, spec, readings, evidence.track)
 
 
 def _with_planner_of_row(spec: TrialSpec, row: TrialResult) -> TrialSpec:
-    """Return the trial with its row's delays and, if unknown here, planner's data."""
+    """Return the trial with its row's delays, and planner data if either has none."""
     if row.delays:
         spec = replace(spec, recorded_ns=unpack_delays(row.delays))
     if not row.planner_config:  # a planner that was started by hand
@@ -332,7 +347,7 @@ def _with_planner_of_row(spec: TrialSpec, row: TrialResult) -> TrialSpec:
 
 
 def is_current(row: TrialResult) -> bool:
-    """Tell whether a row is of the schema that this version writes."""
+    """Return whether a row is of the schema that this version writes."""
     return row.schema_version == SCHEMA_VERSION
 
 

@@ -70,7 +70,7 @@ _RERUNS = 3
 
 
 def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderCheck:
-    """Write a sound folder as one file, return the check; FindingError for a problem.
+    """Check a folder, write it as one file, return the check; FindingError if unsound.
 
     Equal results give equal bytes.
 
@@ -147,7 +147,7 @@ def _require_available_worlds(run_file: RunFile) -> None:
 
 
 def _parameter_files(folder: Path, config: RunConfig) -> Iterator[Path]:
-    """Yield paths in the logs: node parameter files, copies of files in commands."""
+    """Yield paths in a folder's logs: node parameters, copies of files in commands."""
     for planner in config.planners:
         yield from find_parameter_files(folder / LOGS, planner.name)
         for name, sha256 in planner.files.items():
@@ -160,7 +160,7 @@ def _sha256(content: bytes) -> str:
 
 
 def verify(path: str | Path, folder: str | Path) -> tuple[FolderCheck, dict[str, Any]]:
-    """Unpack a submission, check it, write its tables; return (check, its origin).
+    """Unpack a submission, check it, write tables; return (check, origin); or raise.
 
     Nothing in the file is trusted. If it has one row per trial, result tables are
     written.
@@ -225,7 +225,7 @@ def verify(path: str | Path, folder: str | Path) -> tuple[FolderCheck, dict[str,
 
 
 def _find_impostors(config: RunConfig, rows: Rows) -> Iterator[str]:
-    """Drive up to 3 random trials per registered planner again; yield differences.
+    """Drive up to 3 random trials per suite planner by the planner; yield differences.
 
     A submitter cannot know which trials are drawn.
     """

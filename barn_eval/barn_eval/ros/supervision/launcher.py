@@ -77,7 +77,7 @@ _LIBC = ctypes.CDLL(None, use_errno=True)
 
 
 def main(arguments: list[str]) -> int:
-    """Run "FD KIND -- COMMAND..." or "probe"; return an exit code after the end."""
+    """Fork, run "FD KIND -- COMMAND...", return 0 whatever its end; or run "probe"."""
     if arguments == ["probe"]:
         return _probe()
     # Orphans of the second process become children of the first.
@@ -147,7 +147,7 @@ def _enter_namespaces() -> None:
 
 
 def _mount_views(results: str, command: list[str]) -> bool:
-    """Hide the results and mount a /proc of the namespace; return False if refused.
+    """Hide results and disks, mount a read-only /proc; False if that is not allowed.
 
     Args:
         results: The folder, empty for none.
@@ -180,7 +180,7 @@ def _mount_views(results: str, command: list[str]) -> bool:
 
 
 def _bind(path: Path, flags: int = 0, source: Path | None = None) -> None:
-    """Mount a path onto itself, with all mounts below; OSError if that fails.
+    """Bind-mount `source`, by default the path itself, onto a path; or OSError.
 
     Args:
         path: The path. Nobody can move or replace it while it is a mount.
@@ -199,10 +199,10 @@ def _bind(path: Path, flags: int = 0, source: Path | None = None) -> None:
 
 
 def _hide(folder: Path, command: list[str]) -> None:
-    """Put an empty mount over a folder, and mount each folder above onto itself.
+    """Put an empty read-only mount over a folder, with only the files a command names.
 
-    Bags would tell the true pose while the robot drives. A folder that another takes
-    the place of would give the planner a second try.
+    Bags would tell the true pose while the robot drives. The folders above become
+    mounts, too: a folder that another replaces would give the planner a second try.
 
     Args:
         folder: The folder, absolute.
@@ -331,7 +331,7 @@ def _become_subreaper() -> None:
 
 
 def _stand_by(second: int) -> int:
-    """Wait for PID `second`, then kill all descendants that are left; return 0."""
+    """Ignore signals, wait for PID `second`, kill all descendants left; return 0."""
     # The sockets are the second's: none may stay open because of this process.
     os.closerange(3, os.sysconf("SC_OPEN_MAX"))
     for number in _ENDING_SIGNALS:
@@ -370,7 +370,10 @@ class _Launcher:
         self._output = _Output()
 
     def run(self, command: list[str], kind: str) -> None:
-        """Run a command until it ends or must, end its descendants, report its end."""
+        """Run a command to its end or an order, end descendants, report its end.
+
+        After a signal to this process, nothing is reported.
+        """
         try:
             child = self._start(command, kind)
         except OSError as error:
@@ -414,7 +417,7 @@ class _Launcher:
         return _start_command(command, writer, prepare, new_session=True)
 
     def _wait(self, child: _Child) -> bool:
-        """Pass on output until the end; return False if a signal ends this process.
+        """Pass on output until the command or an order ends it; False after a signal.
 
         Returns:
             Whether the supervisor knows why: False if a signal ends this process.
@@ -434,7 +437,7 @@ class _Launcher:
         return True
 
     def _end(self, child: _Child, *, hurried: bool) -> None:
-        """Send SIGINT, SIGTERM, SIGKILL in turn until no descendant is left.
+        """Send SIGINT, SIGTERM, SIGKILL until no descendant lives; or only KILL.
 
         Args:
             child: The command, which may have ended.
@@ -467,7 +470,7 @@ class _Launcher:
                 hurried = self._supervisor in ready and self._drain()
 
     def _drain(self) -> bool:
-        """Read what the supervisor wrote; return False if nothing or it is gone."""
+        """Take what the supervisor wrote; return False after 20 ms if nothing."""
         with suppress(OSError):
             if self._supervisor.recv(4096):
                 return True
@@ -551,7 +554,7 @@ def _signal_all(pids: list[int], number: int) -> None:
 
 
 def _reap_and_list(child: _Child) -> list[int]:
-    """Reap dead children, and return PIDs of this process's living descendants."""
+    """Reap the command, then all dead children; return PIDs of living descendants."""
     child.poll()
     with suppress(ChildProcessError):
         while child.returncode is not None and os.waitpid(-1, os.WNOHANG)[0]:

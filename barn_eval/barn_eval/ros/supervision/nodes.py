@@ -58,7 +58,7 @@ class NodeProcess:
     executable: Executable | None = None
 
     def write_parameters(self, folder: Path) -> list[str]:
-        """Write FOLDER/NAME.yaml, if there are parameters; return the command to run.
+        """Write FOLDER/NAME.yaml, if there are parameters; return the command with it.
 
         Raises:
             ConfigError: If the file cannot be written.
@@ -77,7 +77,7 @@ class NodeProcess:
         ]
 
     def variables(self, inherited: Mapping[str, str], folder: Path) -> dict[str, str]:
-        """Return environment variables for it, and make FOLDER/prefix for a package.
+        """Return its variables, without the suite's ROS if foreign; make FOLDER/prefix.
 
         Raises:
             ConfigError: If that cannot be written.
@@ -96,7 +96,7 @@ class NodeProcess:
         sockets: Sequence[socket.socket] = (),
         kind: str = launcher.SUITE,
     ) -> SupervisedProcess:
-        """Start it under a launcher; what it prints is added to FOLDER/NAME.log.
+        """Write its files, start it under a launcher; add output to FOLDER/NAME.log.
 
         Args:
             inherited: Environment variables.
@@ -287,7 +287,7 @@ def _parameters_of(setup: RosConfig, node_config: type[Checked]) -> dict[str, An
 
 
 def environment(inherited: Mapping[str, str], domain: int) -> dict[str, str]:
-    """Return variables for all processes on a domain; the user's set all but transport.
+    """Return the user's variables with defaults, and with domain and DDS transport set.
 
     Args:
         inherited: Variables of the user, which win over buffers and threads.
@@ -306,7 +306,7 @@ def environment(inherited: Mapping[str, str], domain: int) -> dict[str, str]:
 
 
 def _transport(inherited: Mapping[str, str]) -> dict[str, str]:
-    """Return DDS variables that keep messages on this host, or go as far as the user's.
+    """Return DDS variables: discovery on this host or as the user set it, by UDP.
 
     The range LOCALHOST alone has Fast DDS listen on all interfaces and use shared
     memory, whatever transports it is configured for. Through shared memory a process
@@ -327,7 +327,7 @@ def _transport(inherited: Mapping[str, str]) -> dict[str, str]:
 
 
 def discovery_range() -> str:
-    """Return the ROS discovery range of this process, such as "LOCALHOST"."""
+    """Return this process's discovery range; LOCALHOST by the suite's profile."""
     # The profile may be that of another installation of the package, from which the
     # process was started.
     profile = Path(os.environ.get(_PROFILE, ""))
@@ -358,10 +358,7 @@ def foreign_environment(variables: Mapping[str, str]) -> dict[str, str]:
 def _suite_node(
     name: str, entry: str, parameters: Mapping[str, Any], setup: RosConfig
 ) -> NodeProcess:
-    """Return the command of a suite node by its entry point "module:function".
-
-    It carries the run's namespace and remappings.
-    """
+    """Return a node of "MODULE:FUNCTION" to start, with namespace and remappings."""
     # The user's remappings are for simulator, evaluator and planners of the suite
     # alike.
     rules = list(setup.remap)

@@ -180,7 +180,7 @@ class SupervisedProcess:
         return self.end is not None
 
     def read(self) -> None:
-        """Note an end that the launcher reports, or kill what a dead one has left."""
+        """Store an end that the launcher reports; if that died, kill the rest."""
         if self.ended:
             return
         for event in self._events.receive():
@@ -195,7 +195,7 @@ class SupervisedProcess:
             self.send_stop()
 
     def send_stop(self) -> None:
-        """Send an order to stop; from the second on, the launcher kills at once."""
+        """Order the launcher to stop, or at a second order to kill; do not wait."""
         self._events.send("stop")
 
     def stop(self) -> None:
@@ -218,7 +218,7 @@ class SupervisedProcess:
             self.read()
 
     def _kill_leftovers(self) -> None:
-        """Reap a dead launcher and kill all processes that carry its mark.
+        """Reap a dead launcher, kill processes with its mark, set `end` and `lost`.
 
         Its command dies with it; what the command has started carries the mark.
         """
@@ -247,7 +247,7 @@ def _find_marked(mark: str) -> list[int]:
 
 
 def last_lines(log: Path, count: int = 10, begin: int = 0) -> str:
-    """Return the last lines of a log as one indented text that names the file.
+    """Return a log's last lines, or why it is unreadable, indented below its name.
 
     Args:
         log: File of what a process has printed.

@@ -113,7 +113,7 @@ class _Supervisor:
     look_first: bool
 
     def __post_init__(self) -> None:
-        """Describe the processes and copy the planner's files; start nothing yet."""
+        """Prepare processes, copy the planner's files to logs; start nothing."""
         # Trials without a result.
         self._remaining = {spec.trial_id: spec for spec in self.trials}
         planner = self.config.planner(self.trials[0].planner)
@@ -278,7 +278,7 @@ class _Supervisor:
         self._evaluator = EventChannel(supervisor_end)
 
     def _start(self, node: NodeProcess, sockets: Sequence[socket.socket]) -> None:
-        """Write the node's parameters and start it, with `sockets` inherited."""
+        """Start a node with `sockets`; tell the simulator the planner's PID."""
         name = node.name
         self._started_s[name] = time.monotonic()
 
@@ -343,7 +343,7 @@ class _Supervisor:
         self.notice(f"{self._trial} is repeated: {reason}")
 
     def _handle_end(self, process: SupervisedProcess) -> Iterator[TrialRecord]:
-        """Clear up after a process; yield a trial that its end costs, or raise.
+        """Clear up an ended process, tell others; yield a trial it costs, or raise.
 
         The evaluator is told of the end, or replaced if it was the one.
         """
