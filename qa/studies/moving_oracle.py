@@ -1,10 +1,13 @@
 """What a planner that knows all motions reaches among moving obstacles.
 
     python qa/studies/moving_oracle.py drive dynabarn60 --worlds 0:60:2 --speed 2.0
+    python qa/studies/moving_oracle.py drive dynabarn60 --driver waiting
     python qa/studies/moving_oracle.py starts dynabarn60
 
-`drive` searches ways in space and time and drives them in the simulator: a ceiling for
-planners that only see a scan. `starts` names worlds in which a robot that has not moved
+`drive` drives in the simulator, knowing all tracks. The driver `planning` searches ways
+in space and time: a ceiling for planners that only see a scan. `waiting` stands until
+the straight line to the goal is free, which shows what waiting earns. `parking` stops
+where an obstacle will come. `starts` names worlds in which a robot that has not moved
 is run over.
 """
 
@@ -44,6 +47,10 @@ LOOKAHEAD_S = 0.4
 # Share of the speed that plans count on: what is left brings the robot back to them.
 SPEED_SHARE = 0.9
 MAX_YAW_RATE_RADPS = 2.0
+# Less than a protocol's limit of the first motion.
+LONGEST_WAIT_S = 28.0
+# A robot parks where an obstacle comes so many layers later: not at once, but soon.
+PARKING_LAYERS = (10, 50)
 # As in dynabarn60.
 WORLDS_OF_A_CLASS = 20
 # Phases of each world that `starts` looks at.
@@ -112,6 +119,11 @@ class SpaceTime:
                     occupied |= dx * dx + dy * dy < (radius_m + radius) ** 2
             self._occupied[key] = occupied
         return self._occupied[key]
+
+    def is_occupied(self, position: Floats, layer: int) -> bool:
+        """Return whether there is no room at x and y (2,) in m until the next layer."""
+        row, col = ((position - self._corner) / self.cell_m).astype(int)
+        return bool(self.occupied(layer, MARGINS_M[1])[row, col])
 
     def plan(self, position: Floats, time_s: float) -> Floats:
         """Return places (n, 2) in m at layers from now on, the fastest way to the goal.
@@ -214,6 +226,63 @@ class Oracle(Planner):
         return Decision(Velocity2D(direction * speed, yaw_rate))
 
 
+class WaitingOracle(Oracle):
+    """Stands until the straight line to the goal is free, then drives along it."""
+
+    def __init__(self, spec: TrialSpec, speed_mps: float) -> None:
+        """Find the first time from which on the straight line is free."""
+        super().__init__(spec, speed_mps)
+        self._goal = spec.course.goal
+        self._speed_mps *= SPEED_SHARE
+        drive_s = self._start.distance(self._goal) / self._speed_mps
+        self._line = np.linspace(
+            [self._start.x, self._start.y],
+            [self._goal.x, self._goal.y],
+            math.ceil(drive_s / LAYER_S),
+        )
+        self._first_layer = 0
+        while self._first_layer * LAYER_S < LONGEST_WAIT_S and self._is_blocked():
+            self._first_layer += 1
+
+    def _is_blocked(self) -> bool:
+        """Return whether an obstacle meets a drive that begins at the first layer."""
+        return any(
+            self._space_time.is_occupied(position, self._first_layer + k)
+            for k, position in enumerate(self._line)
+        )
+
+    def step(self, observation: Observation) -> Decision:
+        """Stand, then drive straight at the goal."""
+        if observation.stamp_ns < self._first_layer * LAYER_S * NANOSECONDS_PER_SECOND:
+            return Decision(Velocity2D(0.0, 0.0))
+        local = (self._start @ observation.pose).inverse() @ self._goal
+        return Decision(Velocity2D(self._speed_mps, math.atan2(local.y, local.x)))
+
+
+class ParkingOracle(Oracle):
+    """Drives as planned, but stops for good where an obstacle will come."""
+
+    _is_parked = False
+
+    def step(self, observation: Observation) -> Decision:
+        """Drive on unless the robot is parked or can park here."""
+        pose = self._start @ observation.pose
+        layer = round(observation.stamp_ns / NANOSECONDS_PER_SECOND / LAYER_S)
+        # Far enough from the start that the clock runs.
+        if layer > PARKING_LAYERS[0] and not self._is_parked:
+            self._is_parked = any(
+                self._space_time.is_occupied(np.array([pose.x, pose.y]), layer + k)
+                for k in range(*PARKING_LAYERS)
+            )
+        if self._is_parked:
+            return Decision(Velocity2D(0.0, 0.0))
+        return super().step(observation)
+
+
+SHOWN = ("success", "challenge", "not_at_fault", "hit_at_rest", "waited_s")
+DRIVERS = {"planning": Oracle, "waiting": WaitingOracle, "parking": ParkingOracle}
+
+
 @click.group()
 def main() -> None:
     """Tell what is possible among moving obstacles, and what is not."""
@@ -222,6 +291,7 @@ def main() -> None:
 @main.command()
 @click.argument("dataset")
 @click.option("--worlds", default="all", show_default=True, help="Which of its worlds.")
+@click.option("--driver", type=click.Choice(list(DRIVERS)), default="planning")
 @click.option("--speed", default=2.0, show_default=True, help="Speed in m/s.")
 @click.option("--protocol", default="dynabarn", show_default=True, help="Its rules.")
 @click.option("--repetitions", default=1, show_default=True, help="Phases of a world.")
@@ -229,6 +299,7 @@ def main() -> None:
 def drive(
     dataset: str,
     worlds: str,
+    driver: str,
     speed: float,
     protocol: str,
     repetitions: int,
@@ -248,20 +319,18 @@ def drive(
     results: dict[int, list[TrialResult]] = {}
     for trial in config.trials():
         spec = replace(trial, planner="oracle", declared_mps=speed)
-        result = run_direct_trial(spec, planner=Oracle(spec, speed)).result
+        result = run_direct_trial(spec, planner=DRIVERS[driver](spec, speed)).result
         results.setdefault(spec.world_number // WORLDS_OF_A_CLASS, []).append(result)
         click.echo(f"{spec.trial_id}: {result.outcome.value}", err=True)
 
-    table = Table("worlds", "trials", "success [%]", "outcomes")
+    table = Table("worlds", "trials", *(MEASURES[key].label for key in SHOWN))
     for group, rows in sorted(results.items()):
-        summary = summarize(rows)
+        summary = summarize(rows, SHOWN)
         first = WORLDS_OF_A_CLASS * group
-        counts = [f"{name} {count}" for name, count in summary.outcomes.items()]
         table.add_row(
             f"{first} to {first + WORLDS_OF_A_CLASS - 1}",
             str(len(rows)),
-            MEASURES["success"].text(summary["success"]),
-            ", ".join(counts),
+            *(MEASURES[key].text(summary[key]) for key in SHOWN),
         )
     Console().print(table)
 
