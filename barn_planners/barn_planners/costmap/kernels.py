@@ -273,7 +273,7 @@ def outline_cells(corners: Cells) -> Cells:
 
 @kernel
 def line_cost(costs: Bytes, start: Cell, end: Cell, highest: int) -> int:
-    """Return the highest cost along a line of cells on the grid, -1 if one is lethal.
+    """Return the highest cost on a line of cells, at least `highest`; -1 if lethal.
 
     Args:
         costs: Costs of the cells (rows, columns).

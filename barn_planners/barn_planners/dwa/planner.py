@@ -153,7 +153,7 @@ class DwaController(Controller):
         return Control(self._command, diagnostics=diagnostics)
 
     def _new_cycle(self, inputs: ControlInput) -> _Cycle | None:
-        """Return scene and rules of a cycle, None if the plan lies off the costmap."""
+        """Prepare a cycle's scene and rules; None if the plan is off the costmap."""
         config = self.config
         costmap = inputs.costmap
         start = _start(inputs)

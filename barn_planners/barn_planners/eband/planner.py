@@ -301,7 +301,7 @@ class EBandController(Controller):
         return Velocity2D(0.0, self._turn_rate(angle, slowest))
 
     def _turn_rate(self, angle: float, slowest: float) -> float:
-        """Return the yaw rate in rad/s for an angle in rad, within its two limits."""
+        """Return the yaw rate (rad/s) for an angle (rad), at least `slowest`."""
         # A proportional law: bearings are small while the robot follows the band.
         rate = self.config.k_prop_per_s * angle
         if abs(rate) < slowest:

@@ -27,7 +27,8 @@ def length(x: float, y: float) -> float:
     """Return a vector's length as hypot of glibc since 2.35, but without its scaling.
 
     It is the same to the last bit where no square overflows or underflows, that is, for
-    components of zero or of 1e-138 to 1e153. Above that range the result is NaN; below it, imprecise or 0.
+    components of zero or of 1e-138 to 1e153. Above that range the result is NaN; below
+    it, imprecise or 0.
 
     Unlike a call of hypot, a loop over this function is vectorized.
 
@@ -149,9 +150,9 @@ def _find_cells(
 
 @kernel
 def _sum_lethal_cells(cells: Bytes) -> MediumIntegers:
-    """Return the count of lethal cells before each row and column, cumulative.
+    """Return the summed-area table (rows + 1, columns + 1) of lethal cells.
 
-    It is a summed-area table (rows + 1, columns + 1).
+    Each entry counts the lethal cells in the rows and columns before it.
     """
     rows, columns = cells.shape
     counts = np.zeros((rows + 1, columns + 1), np.int32)

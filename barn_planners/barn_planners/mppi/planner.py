@@ -167,7 +167,10 @@ class MppiController(Controller):
     def _improve(
         self, inputs: ControlInput, path: "_Path", goal_distance_m: float
     ) -> int:
-        """Improve the solution in rounds; return how many last samples collide."""
+        """Sample around the solution and improve it; return how many samples collide.
+
+        With several rounds, those of the last one count.
+        """
         collisions = self.config.samples
         for _ in range(self.config.iterations):
             self._sample(inputs)

@@ -262,7 +262,7 @@ class NavigationPlanner(Planner):
         return True
 
     def _replan(self, observation: Observation) -> FloatArray | None:
-        """Make a global plan if one is due; return its points (n, 2), else None."""
+        """Make and keep a plan if one is due; return its points (n, 2), else None."""
         stamp_ns = observation.stamp_ns
         if (
             not self._waits_for_plan

@@ -142,7 +142,9 @@ class FrameStack:
         self._is_empty[row] = True
 
     def push(self, rows: Indices, frames: Vector, vectors: Vector) -> None:
-        """Add the newest frames of some robots and fill in their vectors.
+        """Store new frames of some robots and write their vectors, in place.
+
+        The first frame after `clear` fills the whole memory of a robot.
 
         Args:
             rows: Robots that have a new frame, (k,).
@@ -318,7 +320,7 @@ def _encode(
     limits: tuple[np.float32, float, float, float],
     frames: Vector,
 ) -> None:
-    """Fill `frames` as `ObservationEncoder.encode_all` does.
+    """Write the sectors' ranges, goal and velocity of robots in `rows` to `frames`.
 
     The limits are those of range, goal distance, speed and yaw rate.
     """
@@ -377,7 +379,7 @@ def _push_frames(
     frames: Vector,
     vectors: Vector,
 ) -> None:
-    """Add frames as `FrameStack.push` does.
+    """Shift in frames of robots `rows` and write vectors; a first frame fills all.
 
     Args:
         last: Last frames (n, depth, frame_size), newest first, changed in place.

@@ -100,7 +100,9 @@ class PlannerRuntime:
         self._start_task()
 
     def step(self, observation: Observation) -> RuntimeOutput:
-        """Return command and decision; STOP without task, TypeError for no Decision.
+        """Return decision and command (the last one if it has none; STOP if no task).
+
+        Without `repeat_command`, there is no command where the decision has none.
 
         Raises:
             TypeError: If the planner's `step` returns no `Decision`.
