@@ -225,7 +225,7 @@ class Costmap:
         return None if cell is None else int(self.costs[cell])
 
     def has_room(self, x: float, y: float, yaw: float) -> bool:
-        """Return whether the padded footprint's edges, at a pose, avoid lethal cells.
+        """Return whether a footprint at a pose has edges on the grid, off lethal cells.
 
         Edges off the grid do not; what lies inside the edges does not count.
 
@@ -296,7 +296,7 @@ class RollingCostmap(Costmap):
         self._shift(d_row, d_col)
 
     def _follow_as_costmap_2d(self, pose: Pose2D) -> None:
-        """Center the grid on the robot as `Costmap2D::updateOrigin` does.
+        """Follow the robot by whole cells, truncated as in `Costmap2D::updateOrigin`.
 
         The cast to int lets the grid wait until it is a whole cell off on either side.
         Its size in meters leaves out half a cell, and the origin adds up its steps.

@@ -54,7 +54,7 @@ class _Front(NamedTuple):
 
 
 def costs_by_square(config: CostmapConfig, resolution: float) -> Bytes:
-    """Return costs by index: the squared distance in cells to the nearest lethal cell.
+    """Return a table of costs by squared distance in cells to the nearest lethal cell.
 
     Follows costmap_2d's `InflationLayer::computeCost` (inflation_layer.h): 254 at 0,
     253 up to the inscribed radius r, then int(252 exp(-scaling (d - r))) at distance d
@@ -322,7 +322,7 @@ def _seed(
 
 @kernel
 def _spread(source: Squares, nearest: Squares, stride: int, squares: Squares) -> None:
-    """Write the least sum of a value and its squared offset, up to n to both sides.
+    """Write the least of a neighbor's value plus squared distance, up to the reach.
 
     Offsets count in strides of the flat source; nearest[0] belongs to
     source[n * stride].

@@ -368,7 +368,7 @@ def clear_cell(marks: Marks, cell: Cell) -> None:
 def clear_line(
     cells: Bytes, cols: int, bounds: Integers, start: Cell, end: Cell, limit: int
 ) -> None:
-    """Clear lidar marks along a line between two cells on the grid, ends included.
+    """Clear lidar marks on a line of cells: the first, then at most `limit` to the end.
 
     Args:
         cells: Marks of the grid, flat.

@@ -127,7 +127,7 @@ def _clear_rays(
     points: Singles,
     raytrace_range: float,
 ) -> None:
-    """Clear lidar marks from the sensor to each point (`raytraceFreespace`).
+    """Clear lidar marks from the sensor toward each point, up to range and grid edge.
 
     The range in m, rounded up to cells, limits how far; it counts along the ray.
     """

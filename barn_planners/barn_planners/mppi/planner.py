@@ -88,7 +88,7 @@ class MppiController(Controller):
         self._has_samples = False
 
     def control(self, inputs: ControlInput) -> Control:
-        """Return the solution's first control, STOP at the goal, none if all collide.
+        """Return the first control, STOP at the goal, none if stuck or all collide.
 
         If all samples collide or the robot is stuck, there is a reason instead.
         """

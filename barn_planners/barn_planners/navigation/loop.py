@@ -188,7 +188,7 @@ class NavigationPlanner(Planner):
         self.controller.reset(seed)
 
     def step(self, observation: Observation) -> Decision:
-        """Return the decision of a cycle: drive, hold, stop, or recover with a reason.
+        """Return a cycle's decision: drive, stop, recover; one command per period.
 
         Its command is None for further observations within one control period.
         """

@@ -185,10 +185,7 @@ class ObservationEncoder:
         )
 
     def problem(self, scan: Scan) -> str:
-        """Return why the policy cannot use a scan's angles, or an empty string.
-
-        New angles assign the beams to sectors anew.
-        """
+        """Return why a scan's angles are unusable, or ""; assign beams if they are new."""
         geometry = (len(scan.ranges), scan.angle_min, scan.angle_increment)
         if geometry != self._geometry:
             self._geometry = geometry

@@ -70,7 +70,7 @@ class PlannerRuntime:
         return ", ".join(missing)
 
     def set_goal(self, goal: Pose2D) -> bool:
-        """Set the goal; start a task with it if possible and return whether it started.
+        """Set a goal; start a task if new and possible; return whether it has started.
 
         An equal goal starts a task only if the last one is over and a pause has passed.
         """

@@ -146,7 +146,9 @@ class Obstacles:
         self._free_m = 0.0
 
     def prepare(self, scene: ContactScene, x: float, y: float, yaw: float) -> None:
-        """Create bodies of the cylinders that could be touched in the next tick.
+        """Create bodies of near cylinders; do nothing while the last look still holds.
+
+        Near are those that could be touched in the next tick.
 
         Args:
             scene: Scene of the contact.
@@ -168,7 +170,7 @@ class Obstacles:
     def _near(
         self, candidates: Bools, x: float, y: float, yaw: float, robot_within_m: float
     ) -> tuple[list[int], float]:
-        """Return candidates' rows near robot or pushed cylinders, and the free way in m."""
+        """Return near candidates' rows, and how far (m) the robot may go unchecked."""
         indices, free_m = near_cylinders(
             self.segments,
             candidates,
