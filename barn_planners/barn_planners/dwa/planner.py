@@ -277,9 +277,9 @@ def sample_velocities(
 
 
 ENTRY = PlannerEntry(
-    lambda config: NavigationPlanner(config, DwaController(config.dwa)),
-    read_presets("barn_planners", "presets/dwa.yaml", DwaPlannerConfig()),
-    "dynamic window approach of the paper's trials",
-    fit_to_robot,
+    build=lambda config: NavigationPlanner(config, DwaController(config.dwa)),
+    presets=read_presets("barn_planners", "presets/dwa.yaml", DwaPlannerConfig()),
+    summary="dynamic window approach of the paper's trials",
+    fit=fit_to_robot,
     compute=Compute(delay_s=0.0005),
 )

@@ -181,7 +181,7 @@ class GapPlanner(ScanPlanner):
     def _choose_bearing(
         self, points: FloatArray, goal_bearing: float, needed_m: float
     ) -> float | None:
-        """Return the bearing (rad) of the gap nearest to the goal's, None if none.
+        """Return a bearing (rad) in the open or longest gap nearest the goal, or None.
 
         The nearer an obstacle is, the more the bearing is drawn to the gap's center.
         """
@@ -292,9 +292,9 @@ def free_distances(
 
 
 ENTRY = PlannerEntry(
-    GapPlanner,
-    {ANY_PROTOCOL: GapConfig()},
-    "follow-the-gap baseline: only scan and goal, with a stop before collisions",
-    fit_to_robot,
+    build=GapPlanner,
+    presets={ANY_PROTOCOL: GapConfig()},
+    summary="follow-the-gap baseline: only scan and goal, with a stop before collisions",
+    fit=fit_to_robot,
     compute=Compute(delay_s=0.0005),
 )

@@ -9,14 +9,17 @@ import math
 
 import numpy as np
 
-from barn_planners.costmap.kernels import Grid, cell_at, edge_cost, place_corners
+from barn_planners.costmap.kernels import (
+    INSCRIBED,
+    LETHAL,
+    Grid,
+    cell_at,
+    edge_cost,
+    place_corners,
+)
 from barn_planners.interface import FloatArray
 from barn_worlds.base.arrays import Bools, Bytes, MediumIntegers, Singles, kernel
 
-# Costs of cells as plain integers, which numba treats as constants.
-_FREE = 0
-_INSCRIBED = 253
-_LETHAL = 254
 # Points of the path that a trajectory usually passes between two poses that are
 # compared.
 _USUAL_POINTS = 2
@@ -90,10 +93,10 @@ def add_obstacle_costs(
     """
     steps, _, samples = poses.shape
     # In this order: a cost is a share of 254, and its mean is over the checked poses.
-    scale = weight / _LETHAL / len(range(0, steps, stride))
+    scale = weight / LETHAL / len(range(0, steps, stride))
     prices = np.zeros(256)
-    for cost in range(_FREE + 1, 256):
-        if cost >= _INSCRIBED:
+    for cost in range(1, 256):
+        if cost >= INSCRIBED:
             prices[cost] = critical_cost
         elif not is_near_goal:
             prices[cost] = cost
@@ -116,10 +119,11 @@ def add_obstacle_costs(
                 continue
             cost = cells.flat[indices[k]]
             totals[k] += prices[cost]
-            # Under a low cost, no lethal cell is near enough for the edges to touch it.
-            if cost >= lowest_edge_cost and cost != _FREE:
+            # Under a low cost or none, no lethal cell is near enough for the edges to
+            # touch it.
+            if cost >= lowest_edge_cost and cost > 0:
                 place_corners(corners, x[k], y[k], yaw[k], outline)
-                collides[k] = cost >= _LETHAL or _edges_collide(
+                collides[k] = cost >= LETHAL or _edges_collide(
                     cells, grid, lethal_counts, corners
                 )
     for k in range(samples):
@@ -159,7 +163,7 @@ def _sum_lethal_cells(cells: Bytes) -> MediumIntegers:
     for row in range(rows):
         in_row = np.int32(0)
         for column in range(columns):
-            in_row += np.int32(cells[row, column] >= _LETHAL)
+            in_row += np.int32(cells[row, column] >= LETHAL)
             # A summed-area table: any box's count is a sum of four entries.
             counts[row + 1, column + 1] = counts[row, column + 1] + in_row
     return counts

@@ -303,7 +303,7 @@ class _Path:
     """The part of the plan ahead of the robot, with evenly spaced points."""
 
     def __init__(self, inputs: ControlInput, config: MppiConfig):
-        """Resample the visible plan evenly, from its point nearest to the robot."""
+        """Resample the visible plan ahead evenly; note arc lengths and free points."""
         plan = inputs.visible[:, :2]
         offsets = plan - (inputs.pose.x, inputs.pose.y)
         nearest = (offsets**2).sum(axis=1).argmin()
@@ -347,9 +347,9 @@ def lowest_cost_in_reach(config: CostmapConfig, resolution: float) -> int:
 
 
 ENTRY = PlannerEntry(
-    lambda config: NavigationPlanner(config, MppiController(config.mppi)),
-    {ANY_PROTOCOL: MppiPlannerConfig()},
-    "model predictive path integral control, after Nav2's controller",
-    fit_to_robot,
+    build=lambda config: NavigationPlanner(config, MppiController(config.mppi)),
+    presets={ANY_PROTOCOL: MppiPlannerConfig()},
+    summary="model predictive path integral control, after Nav2's controller",
+    fit=fit_to_robot,
     compute=Compute(delay_s=0.002),
 )

@@ -81,7 +81,7 @@ class PolicyObservation(Checked):
         return self.frames * self.frame_size
 
     def bounds(self) -> tuple[Vector, Vector]:
-        """Return the lowest and the highest value of each entry, both (size,)."""
+        """Return lowest (0 or -1) and highest (1) value of each entry, both (size,)."""
         low = np.zeros(self.frame_size, np.float32)
         # Ranges and the goal's distance are not negative; all other entries have a sign.
         low[self.beams + 1 :] = -1.0
@@ -120,9 +120,12 @@ class PolicyAction(Checked):
 
     def commands(self, actions: npt.NDArray[np.floating]) -> FloatArray:
         """Return (n, 2) speeds in m/s, yaw rates in rad/s of clipped actions (n, 2)."""
-        values: FloatArray = actions.astype(np.float64)
-        limits = (self.min_speed_mps, self.max_speed_mps, self.max_yaw_rate_radps)
-        _scale_actions(values, limits)
+        # NaN stays NaN.
+        values: FloatArray = np.clip(actions.astype(np.float64), -1.0, 1.0)
+        shares = 0.5 * (values[:, 0] + 1.0)
+        speed_range_mps = self.max_speed_mps - self.min_speed_mps
+        values[:, 0] = self.min_speed_mps + shares * speed_range_mps
+        values[:, 1] *= self.max_yaw_rate_radps
         return values
 
 
@@ -344,27 +347,6 @@ def _encode(
         frames[i, count + 2] = math.sin(bearing)
         frames[i, count + 3] = min(max(velocities[i, 0] / speed_limit, -1.0), 1.0)
         frames[i, count + 4] = min(max(velocities[i, 1] / rate_limit, -1.0), 1.0)
-
-
-@kernel
-def _scale_actions(values: FloatArray, limits: tuple[float, float, float]) -> None:
-    """Turn actions (n, 2) into velocities in place, as `PolicyAction.commands` does.
-
-    Args:
-        values: Actions of any size; speeds in m/s and yaw rates in rad/s afterwards.
-        limits: Lowest and highest speed, highest yaw rate.
-    """
-    min_speed_mps, max_speed_mps, max_yaw_rate_radps = limits
-    for i in range(len(values)):
-        for k in range(values.shape[1]):
-            # NaN fails both comparisons and stays.
-            if values[i, k] < -1.0:
-                values[i, k] = -1.0
-            elif values[i, k] > 1.0:
-                values[i, k] = 1.0
-        share = 0.5 * (values[i, 0] + 1.0)
-        values[i, 0] = min_speed_mps + share * (max_speed_mps - min_speed_mps)
-        values[i, 1] *= max_yaw_rate_radps
 
 
 @kernel

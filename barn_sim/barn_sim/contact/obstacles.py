@@ -13,7 +13,6 @@ import numpy as np
 
 from barn_sim.body.model import RobotModel
 from barn_sim.config import ObstacleConfig, SimulatorConfig
-from barn_sim.contact.bullet import bullet
 from barn_sim.contact.cylinders import (
     TOUCH_GAP_M,
     follow_cylinders,
@@ -189,30 +188,25 @@ class Obstacles:
         """Create a cylinder in a scene, fixed or movable; return its number."""
         config = self._config
         state = self._states[index].tolist()
-        is_movable = self._movable[index]
         # To PyBullet, a body without mass is fixed.
         mass_kg = 0.0
         dynamics: dict[str, object] = {
             "lateralFriction": config.friction,
             "angularDamping": _ANGULAR_DAMPING,
         }
-        if is_movable:
+        if self._movable[index]:
             mass_kg = config.mass_kg
             tilt = config.inertia_tilt_kg_m2
             spin = config.inertia_spin_kg_m2
             dynamics["localInertiaDiagonal"] = [tilt, tilt, spin]
-        body = scene.add(
+        return scene.add(
             (self.radius_m, self._height_m),
             state[:3],
             state[3:],
             mass_kg,
+            _PUSHED_GROUP,
             **dynamics,
         )
-        if is_movable:
-            bullet.setCollisionFilterGroupMask(
-                body, -1, _PUSHED_GROUP, -1, physicsClientId=scene.client
-            )
-        return body
 
     def follow(self, scene: ContactScene, robot: Pose2D) -> None:
         """Copy movable bodies' states, clear `undisturbed`; at times remove idle ones.
