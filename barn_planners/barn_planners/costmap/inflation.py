@@ -89,7 +89,7 @@ def costs_by_square(config: CostmapConfig, resolution: float) -> Bytes:
 
 
 def new_layers(rows: int, cols: int, by_square: Bytes) -> Layers:
-    """Return marks and costs of a grid without obstacles, rows along y.
+    """Return empty marks, zero costs and inflation's tables for a grid, rows along y.
 
     Args:
         rows: Number of rows.
@@ -241,7 +241,7 @@ def _find_changes(layers: Layers, boxes: Integers, distance: int) -> int:
 def _add_to_boxes(
     boxes: Integers, count: int, row: int, col: int, distance: int
 ) -> int:
-    """Extend the first near box by a cell, or add one if possible; return the count.
+    """Extend the first near box by a cell or add one; return the count, plus 1 if full.
 
     Near is within `distance` cells. The count is one more than there is room for if the
     cell needs a box.

@@ -72,7 +72,7 @@ class Wavefront(NamedTuple):
 
 
 def new_wavefront(rows: int, cols: int) -> Wavefront:
-    """Return memory for a wavefront on padded rows x cols; `start_wavefront` seeds it.
+    """Return uninitialized memory for a wavefront on rows x cols cells, padded by one.
 
     Args:
         rows: Number of rows of the costmap.
@@ -589,7 +589,7 @@ def roll_out(
 
 @kernel
 def traces(start: Start, table: Floats, motion: Motion, count: int) -> Floats:
-    """Return rollouts of samples for display: poses (n, count, 3) in m, m, rad.
+    """Return rollouts for display, each of `count` poses: (n, count, 3) in m, m, rad.
 
     Args:
         start: Pose and velocity at their start.
