@@ -205,6 +205,7 @@ class Obstacles:
             state[3:],
             mass_kg,
             _PUSHED_GROUP,
+            -1,
             **dynamics,
         )
 

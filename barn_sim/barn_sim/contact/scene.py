@@ -153,7 +153,7 @@ class ContactScene:
         attitude: Sequence[float],
         mass_kg: float,
         group: int,
-        mask: int = -1,
+        mask: int,
         **dynamics: object,
     ) -> int:
         """Add a cylinder (2 sizes) or box (3 half sizes); return PyBullet's number.
@@ -164,7 +164,7 @@ class ContactScene:
             attitude: Quaternion (4,).
             mass_kg: Mass; 0 for a fixed body.
             group: Bullet's filter group of a body that is not fixed.
-            mask: Groups that a body that is not fixed may touch; by default, all.
+            mask: Groups that a body that is not fixed may touch; -1: all.
             **dynamics: Arguments of PyBullet's changeDynamics, such as lateralFriction.
 
         Returns:
