@@ -95,7 +95,7 @@ def lidar_mount_changes(config: Checked, lidar: LidarConfig) -> dict[str, float]
 def fit_parameters(
     name: str, preset: str, overrides: Mapping[str, Any], robot: Robot
 ) -> dict[str, Any]:
-    """Return `overrides` on top of what fits a preset to a robot; ConfigError if unfit.
+    """Return `overrides` and a preset's changes for a robot, none for Jackal; or raise.
 
     Args:
         name: Name of the planner.

@@ -589,7 +589,7 @@ def roll_out(
 
 @kernel
 def traces(start: Start, table: Floats, motion: Motion, count: int) -> Floats:
-    """Return rollouts for display, each of `count` poses: (n, count, 3) in m, m, rad.
+    """Return rollouts for display, stretched or padded to `count` poses: (n, count, 3).
 
     Args:
         start: Pose and velocity at their start.

@@ -171,7 +171,7 @@ def _best_turn(
     best: int,
     cost: float,
 ) -> int:
-    """Fill in promising turns; return the best row if it costs no more, else `best`."""
+    """Fill in turns; return the one of no more cost that ends nearest, or `best`."""
     nearest = math.inf
     for k in range(choice.drives, len(table)):
         row = table[k]

@@ -437,7 +437,7 @@ def add_control_costs(
 
 @kernel
 def resample(points: FloatArray, spacing: float, max_points: int) -> FloatArray:
-    """Return up to `max_points` points at even distance along a line, its start first.
+    """Return up to `max_points` points evenly along a line, its start first, end last.
 
     Args:
         points: Corners (n, 2) of the line in m.

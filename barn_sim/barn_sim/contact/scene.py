@@ -32,7 +32,7 @@ class ContactScene:
     """PyBullet's number of the robot's body."""
 
     def __init__(self, model: RobotModel, config: PhysicsConfig):
-        """Create a client with the ground and the robot.
+        """Start a client with the ground and a robot that does not collide with it.
 
         Args:
             model: Shapes and inertia of the robot. It stands on its tires, which
