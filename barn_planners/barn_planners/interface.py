@@ -127,7 +127,7 @@ class Planner(ABC):
         """Return the decision of one control cycle: a command and a status.
 
         An implementation must not raise, whatever the observation contains: it answers
-                unusable readings with a stop and a reason. The command must be finite.
+        unusable readings with a stop and a reason. The command must be finite.
         """
 
     def view(self) -> PlannerView:

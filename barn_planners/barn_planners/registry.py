@@ -88,7 +88,7 @@ def planner_names() -> list[str]:
 
 
 def planner_entry(name: str) -> PlannerEntry:
-    """Return a planner's entry, importing its module; ConfigError if that fails.
+    """Return a planner's entry, imported once and cached; ConfigError if that fails.
 
     Raises:
         ConfigError: If the name is unknown or the module cannot be loaded.
@@ -121,7 +121,7 @@ def planner_entry(name: str) -> PlannerEntry:
 def planner_config(
     name: str, preset: str = "challenge", overrides: Mapping[str, Any] | None = None
 ) -> Any:
-    """Return a planner's preset, or its only one, with `overrides`; or raise.
+    """Return a preset, or a lone "default", with `overrides`; ConfigError if unknown.
 
     Args:
         name: Name of the planner.
@@ -171,7 +171,7 @@ def speed_cap_mps(name: str, config: Checked) -> float:
 def make_planner(
     name: str, preset: str = "challenge", overrides: Mapping[str, Any] | None = None
 ) -> Planner:
-    """Return a new planner, not started, that has `config`; ConfigError if unknown.
+    """Build a planner, not started, from a preset with `overrides`; or ConfigError.
 
     Args:
         name: Name of the planner.

@@ -51,14 +51,15 @@ def robot_scale(robot: Robot) -> float:
 
 
 def fit_to_robot(config: Checked, robot: Robot) -> dict[str, Any]:
-    """Return what changes for a robot but for its lidar's mount; {} for the Jackal.
+    """Return values to change for a robot by dotted name; {} if its body is a Jackal's.
 
     Args:
         config: Configuration of a planner for the Jackal.
         robot: Robot that the planner is to drive.
 
     Returns:
-        New values by dotted name; empty for the Jackal.
+        New values by dotted name, but for the lidar's mount; empty for a robot with the
+        Jackal's chassis.
     """
     if not name_unless_standard(robot.chassis):
         return {}
@@ -94,7 +95,7 @@ def lidar_mount_changes(config: Checked, lidar: LidarConfig) -> dict[str, float]
 def fit_parameters(
     name: str, preset: str, overrides: Mapping[str, Any], robot: Robot
 ) -> dict[str, Any]:
-    """Return changes of a preset for a robot, then `overrides`; ConfigError if unfit.
+    """Return `overrides` and a preset's changes for a robot, none for Jackal; or raise.
 
     Args:
         name: Name of the planner.
@@ -104,7 +105,7 @@ def fit_parameters(
 
     Returns:
         Values by dotted name, with six significant digits so that they read well in
-        files.
+        files. For a robot with the Jackal's chassis, only `overrides`.
 
     Raises:
         ConfigError: If the planner cannot drive the robot.
@@ -129,7 +130,7 @@ def _last_part(name: str) -> str:
 
 
 def _scale_parameters(config: Checked, robot: Robot, scale: float) -> dict[str, Any]:
-    """Return the parameters that scaling changes, within their allowed ranges."""
+    """Return scaled parameters that differ, by dotted name, within allowed ranges."""
     weights = _WEIGHTS_PER_METER
     if getattr(getattr(config, "dwa", None), "distances_in_metres", False):
         weights += _DWA_WEIGHTS
@@ -154,7 +155,7 @@ def _scale_parameters(config: Checked, robot: Robot, scale: float) -> dict[str, 
 
 
 def _scale_by_unit(parameter: str, value: float, scale: float, robot: Robot) -> float:
-    """Return a value scaled by its parameter's unit and limited to what the robot can."""
+    """Return a value scaled by the unit in its name, up to the robot's limits."""
     drive = robot.drive
     if parameter.endswith("_per_m"):
         return value / scale
@@ -173,7 +174,7 @@ def _scale_by_unit(parameter: str, value: float, scale: float, robot: Robot) -> 
 
 
 def _fit_dwa(config: Checked, robot: Robot, scale: float) -> dict[str, float]:
-    """Return DWA's window period and obstacle weight for a robot; {} without DWA."""
+    """Return DWA's window period and, in meters, obstacle weight 0; {} without DWA."""
     dwa = getattr(config, "dwa", None)
     if dwa is None:
         return {}

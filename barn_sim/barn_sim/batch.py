@@ -86,11 +86,7 @@ class Batch:
         self._simulators: dict[int, Simulator] = {}
         self._ticks = config.ticks(config.control_period_s)
 
-        # Time between scans; 0 if there is one in every control period.
-        steps = config.scan_steps
-        self._scan_period_ns = 0
-        if steps > 1:
-            self._scan_period_ns = steps * period_ns
+        self._scan_period_ns = config.scan_steps * period_ns
         self._scanned_ns = np.zeros(count, np.int64)
         self._has_plain_lidars = True
         self._noise = np.empty((count, _SCANS, beams), np.float32)

@@ -246,7 +246,7 @@ _PRESET_FIELDS = {
 
 
 def with_robot(config: Config, robot: Robot) -> Config:
-    """Return a configuration with a robot's parts; noise and latency set before stay.
+    """Return a configuration with a robot's parts, unless standard; preset noise stays.
 
     Args:
         config: Configuration of any simulator. For the standard robot it is returned

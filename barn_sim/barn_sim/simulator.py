@@ -63,7 +63,7 @@ class Simulator:
         fleet: Fleet | None = None,
         index: int = 0,
     ):
-        """Put the robot on the ground at the start pose, at rest.
+        """Make a simulator with its robot at rest at the start pose, or ConfigError.
 
         Args:
             world: Obstacles around the robot.
@@ -219,7 +219,7 @@ class Simulator:
 
     def read_truth(self) -> Odometry:
         """Return the true pose of base_link in the map frame and its true velocity."""
-        pose, velocity = self.motion.place()
+        pose, velocity = self.motion.pose_and_velocity()
         return Odometry(self.stamp_ns, pose.through_quaternion(), velocity)
 
     def read_localization(self, odometry: Pose2D) -> Pose2D:
@@ -228,7 +228,7 @@ class Simulator:
         Args:
             odometry: Pose in the odom frame at this instant.
         """
-        pose, _ = self.motion.place()
+        pose, _ = self.motion.pose_and_velocity()
         if isinstance(self._localization, ParticleLocalization):
             pose = self._localization.estimate(
                 self.stamp_ns,
@@ -264,7 +264,7 @@ class Simulator:
     def _take_scan(self, lidar: Lidar, noise: Singles | None = None) -> Scan:
         """Take a scan of cylinders, walls and moving obstacles now and return it."""
         motion = self.motion
-        pose, _ = motion.place()
+        pose, _ = motion.pose_and_velocity()
         height_m = self._scan_height_m
         centers, tilted = motion.obstacles.cross_section(height_m)
         radius_m = motion.obstacles.radius_m

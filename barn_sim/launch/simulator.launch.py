@@ -11,5 +11,5 @@ TOPICS = ("cmd_vel", "scan", "odom", "amcl_pose", "ground_truth/odom", "collisio
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return the node with its arguments."""
+    """Return a launch description of the simulator's node and its arguments."""
     return NodeLaunch("barn_sim", "simulator", TOPICS).description()

@@ -158,7 +158,7 @@ def test_the_version_of_the_physics_names_its_results(walled_world, simulators):
     for step in range(120):
         sensors = simulator.step(Velocity2D(0.6, 0.9 * math.sin(0.1 * step)))
         touched = touched or sensors.collision
-    pose, _ = simulator.motion.place()
+    pose, _ = simulator.motion.pose_and_velocity()
     assert touched
     expected = pytest.approx(FINAL_POSES[PHYSICS_VERSION], abs=1e-9)
     assert (pose.x, pose.y, pose.yaw) == expected

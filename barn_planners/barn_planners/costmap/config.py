@@ -178,9 +178,9 @@ def rectangle(half_length_m: float, half_width_m: float) -> Points:
 
 
 def format_footprint(corners: Sequence[Corner]) -> str:
-    """Return corners in m as the JSON text [[x, y], ...] of Nav2's `footprint`.
+    """Return corners in m, rounded to 0.1 mm, as the JSON text [[x, y], ...].
 
-    Coordinates are rounded to a tenth of a millimeter.
+    It is the format of Nav2's parameter `footprint`.
     """
     # A tenth of a millimeter is far below a cell and keeps files readable.
     return json.dumps([[round(x, 4), round(y, 4)] for x, y in corners])

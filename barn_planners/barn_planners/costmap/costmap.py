@@ -225,7 +225,7 @@ class Costmap:
         return None if cell is None else int(self.costs[cell])
 
     def has_room(self, x: float, y: float, yaw: float) -> bool:
-        """Return whether the padded footprint's edges, at a pose, avoid lethal cells.
+        """Return whether a footprint at a pose has edges on the grid, off lethal cells.
 
         Edges off the grid do not; what lies inside the edges does not count.
 
@@ -280,7 +280,7 @@ class RollingCostmap(Costmap):
         self._is_placed = False
 
     def _follow(self, pose: Pose2D) -> None:
-        """Center the grid on the robot if it is at least `recentre_cells` off."""
+        """Center the grid on the robot if unplaced or at least `recentre_cells` off."""
         rows, cols = self.costs.shape
         # Corners on multiples of the resolution keep cells in place on the ground.
         corner_row = math.floor(pose.y / self.resolution) - rows // 2
@@ -296,7 +296,7 @@ class RollingCostmap(Costmap):
         self._shift(d_row, d_col)
 
     def _follow_as_costmap_2d(self, pose: Pose2D) -> None:
-        """Center the grid on the robot as `Costmap2D::updateOrigin` does.
+        """Follow the robot by whole cells, truncated as in `Costmap2D::updateOrigin`.
 
         The cast to int lets the grid wait until it is a whole cell off on either side.
         Its size in meters leaves out half a cell, and the origin adds up its steps.
@@ -312,7 +312,7 @@ class RollingCostmap(Costmap):
         self._shift(d_row, d_col)
 
     def _shift(self, d_row: int, d_col: int) -> None:
-        """Move marks and costs by rows and columns, if the grid has a place already."""
+        """Move marks and costs by rows and columns; a new grid is only placed."""
         # Before the first update there is nothing on the grid to move.
         if self._is_placed and (d_row or d_col):
             inflation.shift(self._layers, d_row, d_col)
@@ -323,7 +323,10 @@ class MapCostmap(Costmap):
     """The grid of a map with its obstacles and, if configured, the lidar's marks."""
 
     def __init__(self, config: GlobalCostmapConfig, occupancy: OccupancyMap):
-        """Make the grid of a map; with `static_layer`, mark cells of 65 % and more."""
+        """Make the grid of a map; with `static_layer`, mark cells of 65 % and more.
+
+        A map cell is split into as many cells as come nearest to `resolution_m`.
+        """
         # Single precision, as in the message: a map gives the same cells before and
         # after sending.
         resolution = float(np.float32(occupancy.resolution))
@@ -359,7 +362,7 @@ class MapCostmap(Costmap):
 def global_costmap(
     config: GlobalCostmapConfig, occupancy: OccupancyMap | None, goal: Pose2D
 ) -> Costmap:
-    """Return a new costmap for the global plan: that of a map, or a rolling one.
+    """Return a new costmap of a map, or else a rolling one that reaches the goal.
 
     Args:
         config: Its configuration.

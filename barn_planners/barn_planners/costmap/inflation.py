@@ -54,7 +54,7 @@ class _Front(NamedTuple):
 
 
 def costs_by_square(config: CostmapConfig, resolution: float) -> Bytes:
-    """Return costs by index: the squared distance in cells to the nearest lethal cell.
+    """Return a table of costs by squared distance in cells to the nearest lethal cell.
 
     Follows costmap_2d's `InflationLayer::computeCost` (inflation_layer.h): 254 at 0,
     253 up to the inscribed radius r, then int(252 exp(-scaling (d - r))) at distance d
@@ -89,7 +89,7 @@ def costs_by_square(config: CostmapConfig, resolution: float) -> Bytes:
 
 
 def new_layers(rows: int, cols: int, by_square: Bytes) -> Layers:
-    """Return marks and costs of a grid without obstacles, rows along y.
+    """Return empty marks, zero costs and inflation's tables for a grid, rows along y.
 
     Args:
         rows: Number of rows.
@@ -241,7 +241,7 @@ def _find_changes(layers: Layers, boxes: Integers, distance: int) -> int:
 def _add_to_boxes(
     boxes: Integers, count: int, row: int, col: int, distance: int
 ) -> int:
-    """Extend the first near box by a cell, or add one if possible; return the count.
+    """Extend the first near box by a cell or add one; return the count, plus 1 if full.
 
     Near is within `distance` cells. The count is one more than there is room for if the
     cell needs a box.
@@ -322,7 +322,7 @@ def _seed(
 
 @kernel
 def _spread(source: Squares, nearest: Squares, stride: int, squares: Squares) -> None:
-    """Write the least sum of a value and its squared offset, up to n to both sides.
+    """Write the least of a neighbor's value plus squared distance, up to the reach.
 
     Offsets count in strides of the flat source; nearest[0] belongs to
     source[n * stride].

@@ -273,7 +273,7 @@ def outline_cells(corners: Cells) -> Cells:
 
 @kernel
 def line_cost(costs: Bytes, start: Cell, end: Cell, highest: int) -> int:
-    """Return the highest cost along a line of cells on the grid, -1 if one is lethal.
+    """Return the highest cost on a line of cells, at least `highest`; -1 if lethal.
 
     Args:
         costs: Costs of the cells (rows, columns).
@@ -340,7 +340,7 @@ def touch(bounds: Integers, cell: Cell) -> None:
 
 @kernel
 def mark_cell(marks: Marks, cell: Cell) -> None:
-    """Set the lidar's mark of a cell on the grid; costs wait for `refresh`.
+    """Set the lidar's mark of a cell and extend bounds; costs wait for `refresh`.
 
     Args:
         marks: Marks of the grid.
@@ -353,7 +353,7 @@ def mark_cell(marks: Marks, cell: Cell) -> None:
 
 @kernel
 def clear_cell(marks: Marks, cell: Cell) -> None:
-    """Clear the lidar's mark of a cell on the grid; a mark of the map stays.
+    """Clear the lidar's mark of a cell and extend bounds; a mark of the map stays.
 
     Args:
         marks: Marks of the grid.
@@ -368,7 +368,7 @@ def clear_cell(marks: Marks, cell: Cell) -> None:
 def clear_line(
     cells: Bytes, cols: int, bounds: Integers, start: Cell, end: Cell, limit: int
 ) -> None:
-    """Clear lidar marks along a line between two cells on the grid, ends included.
+    """Clear lidar marks on a line, at most `limit` cells beyond start; extend `bounds`.
 
     Args:
         cells: Marks of the grid, flat.

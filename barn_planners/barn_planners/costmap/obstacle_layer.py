@@ -1,7 +1,7 @@
 """Kernels of the obstacle layer as costmap_2d has it, down to its rounding.
 
 They follow costmap_2d's plugins/obstacle_layer.cpp and costmap_2d.cpp. Differences from
-`marks`: points are in single precision, a ray that leads off the grid is cut off at its
+`kernels`: points are in single precision, a ray that leads off the grid is cut off at its
 edge, and a footprint that is not wholly on the grid is not cleared.
 """
 
@@ -127,7 +127,7 @@ def _clear_rays(
     points: Singles,
     raytrace_range: float,
 ) -> None:
-    """Clear lidar marks from the sensor to each point (`raytraceFreespace`).
+    """Clear lidar marks from the sensor toward each point, up to range and grid edge.
 
     The range in m, rounded up to cells, limits how far; it counts along the ray.
     """

@@ -72,7 +72,7 @@ class Wavefront(NamedTuple):
 
 
 def new_wavefront(rows: int, cols: int) -> Wavefront:
-    """Return memory for a wavefront on padded rows x cols; `start_wavefront` seeds it.
+    """Return uninitialized memory for a wavefront on rows x cols cells, padded by one.
 
     Args:
         rows: Number of rows of the costmap.
@@ -136,7 +136,7 @@ def open_cells(cells: Cells, columns: int, state: Bytes) -> None:
 def plan_cells(
     plan: Points, grid: Grid, shape: tuple[int, int], cells: Integers
 ) -> int:
-    """Write the padded indices of cells under a plan, on the grid; return how many.
+    """Write padded indices of cells on a plan until it leaves the grid; return count.
 
     Follows `MapGrid::adjustPlanResolution` and `setTargetCells`: long segments are cut
     so that no cell is left out.
@@ -359,7 +359,7 @@ def new_fields(rows: int, cols: int) -> Fields:
 
 @kernel
 def even_values(low: float, high: float, count: int, accumulate: bool) -> Floats:
-    """Return `count` even values, both ends included: those of numpy.linspace, or sums.
+    """Return `count` evenly spaced values from low to high, by linspace or by sums.
 
     Sums of steps end near `high`, not at it.
 
@@ -427,7 +427,7 @@ def prepare(
     outline: Points,
     robot_blocks_goal: bool,
 ) -> bool:
-    """Copy costs and start both wavefronts in `fields`; False if the plan is off it.
+    """Copy costs, start both wavefronts in `fields`; False if the plan is off the grid.
 
     Args:
         fields: Fields to write.
@@ -589,7 +589,7 @@ def roll_out(
 
 @kernel
 def traces(start: Start, table: Floats, motion: Motion, count: int) -> Floats:
-    """Return rollouts of samples for display: poses (n, count, 3) in m, m, rad.
+    """Return rollouts for display, stretched or padded to `count` poses: (n, count, 3).
 
     Args:
         start: Pose and velocity at their start.
@@ -616,7 +616,9 @@ def traces(start: Start, table: Floats, motion: Motion, count: int) -> Floats:
 def score(
     ground: Ground, path: Wavefront, goal: Wavefront, rules: Rules, table: Floats
 ) -> None:
-    """Score all samples in place, row by row; `search.find_best` does so for the best.
+    """Fill in cost, end, distances of each sample; TOUCHES or NO_WAY if not allowed.
+
+    `search.find_best` scores only the best sample.
 
     Args:
         ground: What footprints are checked on.

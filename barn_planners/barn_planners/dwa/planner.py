@@ -153,7 +153,7 @@ class DwaController(Controller):
         return Control(self._command, diagnostics=diagnostics)
 
     def _new_cycle(self, inputs: ControlInput) -> _Cycle | None:
-        """Return scene and rules of a cycle, None if the plan lies off the costmap."""
+        """Prepare a cycle's scene and rules; None if the plan is off the costmap."""
         config = self.config
         costmap = inputs.costmap
         start = _start(inputs)
@@ -277,9 +277,9 @@ def sample_velocities(
 
 
 ENTRY = PlannerEntry(
-    lambda config: NavigationPlanner(config, DwaController(config.dwa)),
-    read_presets("barn_planners", "presets/dwa.yaml", DwaPlannerConfig()),
-    "dynamic window approach of the paper's trials",
-    fit_to_robot,
+    build=lambda config: NavigationPlanner(config, DwaController(config.dwa)),
+    presets=read_presets("barn_planners", "presets/dwa.yaml", DwaPlannerConfig()),
+    summary="dynamic window approach of the paper's trials",
+    fit=fit_to_robot,
     compute=Compute(delay_s=0.0005),
 )

@@ -136,7 +136,7 @@ def _best_drive(
     choice: Choice,
     work: _Work,
 ) -> tuple[int, float]:
-    """Return row and cost of the best forward sample, (-1, inf) if none is allowed."""
+    """Fill in promising forward rows; return best row and cost, (-1, inf) if none."""
     best = -1
     best_cost = math.inf
     for n in range(-1, choice.drives):
@@ -171,7 +171,7 @@ def _best_turn(
     best: int,
     cost: float,
 ) -> int:
-    """Return the row of the best turn in place, or `best` again, which has `cost`."""
+    """Fill in turns; return the one of no more cost that ends nearest, or `best`."""
     nearest = math.inf
     for k in range(choice.drives, len(table)):
         row = table[k]

@@ -134,7 +134,7 @@ def _step(bubble: Bubble, step: Vector, share: float, context: Context) -> Bubbl
 def _near_balance(
     band: Floats, i: int, force: Vector, step: Vector, context: Context
 ) -> Bubble:
-    """Return bubble i moved by bisection of `step` to where its force is almost zero.
+    """Return bubble i bisected along `step` to near balance; radius 0 if it is stuck.
 
     Its radius is 0 if the first half step is not possible. Follows
     `EBandPlanner::moveApproximateEquilibrium` without its recursion.

@@ -338,7 +338,7 @@ def _write_nodes(
 
 @kernel
 def connect_front(band: Floats, n: int, pose: Pose, context: Context) -> int:
-    """Begin a band at the robot, dropping passed bubbles; return its length or a code.
+    """Begin a band at the robot: drop bubbles or fill a gap; return its length or code.
 
     If the robot overlaps none, the gap to the first bubble is filled. Follows the front
     half of `EBandPlanner::addFrames` (add_front).
@@ -384,7 +384,7 @@ def connect_front(band: Floats, n: int, pose: Pose, context: Context) -> int:
 
 @kernel
 def append_back(band: Floats, n: int, poses: Floats, context: Context) -> int:
-    """Append poses after the first bubble that overlaps; return new length or a code.
+    """Append poses after an overlapping bubble or a filled gap; return length or code.
 
     If there is none, the gap from the last bubble is filled. Follows the back half of
     `EBandPlanner::addFrames` (add_back).

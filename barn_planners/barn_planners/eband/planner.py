@@ -213,7 +213,7 @@ class EBandController(Controller):
         return problem
 
     def _take_plan(self, inputs: ControlInput, poses: Floats) -> str:
-        """Make a new band from poses; return why that fails, else an empty string.
+        """Make a band from poses, if set again with cleared marks; return why not.
 
         With `reset_costmap_once` a failure clears the costmap for a second attempt.
         """
@@ -301,7 +301,7 @@ class EBandController(Controller):
         return Velocity2D(0.0, self._turn_rate(angle, slowest))
 
     def _turn_rate(self, angle: float, slowest: float) -> float:
-        """Return the yaw rate in rad/s for an angle in rad, within its two limits."""
+        """Return the yaw rate (rad/s) for an angle (rad), at least `slowest`."""
         # A proportional law: bearings are small while the robot follows the band.
         rate = self.config.k_prop_per_s * angle
         if abs(rate) < slowest:
@@ -311,10 +311,10 @@ class EBandController(Controller):
 
 
 ENTRY = PlannerEntry(
-    lambda config: NavigationPlanner(config, EBandController(config.band)),
-    read_presets("barn_planners", "presets/eband.yaml", EBandPlannerConfig()),
-    "elastic band of Quinlan and Khatib for a differential drive, as in the paper's "
-    "trials",
-    fit_to_robot,
+    build=lambda config: NavigationPlanner(config, EBandController(config.band)),
+    presets=read_presets("barn_planners", "presets/eband.yaml", EBandPlannerConfig()),
+    summary="elastic band of Quinlan and Khatib for a differential drive, as in the "
+    "paper's trials",
+    fit=fit_to_robot,
     compute=Compute(delay_s=0.0005),
 )

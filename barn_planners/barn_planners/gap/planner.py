@@ -181,7 +181,10 @@ class GapPlanner(ScanPlanner):
     def _choose_bearing(
         self, points: FloatArray, goal_bearing: float, needed_m: float
     ) -> float | None:
-        """Return the bearing to steer for in rad; None if no gap is open."""
+        """Return a bearing (rad) in the open or longest gap nearest the goal, or None.
+
+        The nearer an obstacle is, the more the bearing is drawn to the gap's center.
+        """
         free_m = self._free_m
         # Nobody needs more room than up to the goal.
         is_open = free_m >= needed_m - _ROUNDING_M
@@ -210,7 +213,11 @@ class GapPlanner(ScanPlanner):
         return float((weight * center + nearest[gap]) / (weight + 1.0))
 
     def _steer(self, bearing: float, points: FloatArray) -> Decision:
-        """Return a command toward a bearing in rad; BLOCKED if too near to turn."""
+        """Return the decision to drive or turn to a bearing (rad); BLOCKED if no room.
+
+        The robot turns in place toward a bearing far aside or if the way ahead is
+        blocked.
+        """
         config = self.config
         rate = config.k_prop_per_s * bearing
         rate = min(max(rate, -config.max_turn_radps), config.max_turn_radps)
@@ -243,7 +250,10 @@ class GapPlanner(ScanPlanner):
         return Decision(Velocity2D(speed, rate), diagnostics=figures)
 
     def _clear_ahead(self, points: FloatArray) -> float:
-        """Return the free distance in m ahead of the robot, up to the look-ahead."""
+        """Return the free distance in m before the robot's front, at most look-ahead.
+
+        It is negative if a return lies beside or within the robot.
+        """
         config = self.config
         half_corridor_m = config.half_width_m + config.margin_m
         is_in_corridor = np.abs(points[:, 1]) <= half_corridor_m
@@ -282,9 +292,9 @@ def free_distances(
 
 
 ENTRY = PlannerEntry(
-    GapPlanner,
-    {ANY_PROTOCOL: GapConfig()},
-    "follow-the-gap baseline: only scan and goal, with a stop before collisions",
-    fit_to_robot,
+    build=GapPlanner,
+    presets={ANY_PROTOCOL: GapConfig()},
+    summary="follow-the-gap baseline: only scan and goal, with a stop before collisions",
+    fit=fit_to_robot,
     compute=Compute(delay_s=0.0005),
 )

@@ -197,14 +197,15 @@ def cell_prices(config: GlobalPlanConfig) -> Floats:
     return prices
 
 
-def transform_plan(plan: Floats, frame: Pose2D) -> Floats:
-    """Return a copy of a plan (n, 3) in another frame, yaws in [-pi, pi).
+def transform_plan(plan: Floats, target_from_source: Pose2D) -> Floats:
+    """Return a copy of a plan (n, 3) in the target frame, yaws in [-pi, pi).
 
     Args:
-        plan: Poses (n, 3), x and y in m, yaw in rad.
-        frame: Frame of the plan, as a pose in the other frame.
+        plan: Poses (n, 3) in the source frame, x and y in m, yaw in rad.
+        target_from_source: Pose of the source frame in the target frame.
     """
     poses = np.empty_like(plan)
-    poses[:, :2] = frame.transform(plan[:, :2])
-    poses[:, 2] = (plan[:, 2] + frame.yaw + np.pi) % (2.0 * np.pi) - np.pi
+    poses[:, :2] = target_from_source.transform(plan[:, :2])
+    yaws = plan[:, 2] + target_from_source.yaw
+    poses[:, 2] = (yaws + np.pi) % (2.0 * np.pi) - np.pi
     return poses

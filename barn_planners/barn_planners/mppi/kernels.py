@@ -9,14 +9,17 @@ import math
 
 import numpy as np
 
-from barn_planners.costmap.kernels import Grid, cell_at, edge_cost, place_corners
+from barn_planners.costmap.kernels import (
+    INSCRIBED,
+    LETHAL,
+    Grid,
+    cell_at,
+    edge_cost,
+    place_corners,
+)
 from barn_planners.interface import FloatArray
 from barn_worlds.base.arrays import Bools, Bytes, MediumIntegers, Singles, kernel
 
-# Costs of cells as plain integers, which numba treats as constants.
-_FREE = 0
-_INSCRIBED = 253
-_LETHAL = 254
 # Points of the path that a trajectory usually passes between two poses that are
 # compared.
 _USUAL_POINTS = 2
@@ -27,7 +30,8 @@ def length(x: float, y: float) -> float:
     """Return a vector's length as hypot of glibc since 2.35, but without its scaling.
 
     It is the same to the last bit where no square overflows or underflows, that is, for
-    components of zero or of 1e-138 to 1e153. Above that range the result is NaN; below it, imprecise or 0.
+    components of zero or of 1e-138 to 1e153. Above that range the result is NaN; below
+    it, imprecise or 0.
 
     Unlike a call of hypot, a loop over this function is vectorized.
 
@@ -89,10 +93,10 @@ def add_obstacle_costs(
     """
     steps, _, samples = poses.shape
     # In this order: a cost is a share of 254, and its mean is over the checked poses.
-    scale = weight / _LETHAL / len(range(0, steps, stride))
+    scale = weight / LETHAL / len(range(0, steps, stride))
     prices = np.zeros(256)
-    for cost in range(_FREE + 1, 256):
-        if cost >= _INSCRIBED:
+    for cost in range(1, 256):
+        if cost >= INSCRIBED:
             prices[cost] = critical_cost
         elif not is_near_goal:
             prices[cost] = cost
@@ -115,10 +119,11 @@ def add_obstacle_costs(
                 continue
             cost = cells.flat[indices[k]]
             totals[k] += prices[cost]
-            # Under a low cost, no lethal cell is near enough for the edges to touch it.
-            if cost >= lowest_edge_cost and cost != _FREE:
+            # Under a low cost or none, no lethal cell is near enough for the edges to
+            # touch it.
+            if cost >= lowest_edge_cost and cost > 0:
                 place_corners(corners, x[k], y[k], yaw[k], outline)
-                collides[k] = cost >= _LETHAL or _edges_collide(
+                collides[k] = cost >= LETHAL or _edges_collide(
                     cells, grid, lethal_counts, corners
                 )
     for k in range(samples):
@@ -149,16 +154,16 @@ def _find_cells(
 
 @kernel
 def _sum_lethal_cells(cells: Bytes) -> MediumIntegers:
-    """Return the count of lethal cells before each row and column, cumulative.
+    """Return the summed-area table (rows + 1, columns + 1) of lethal cells.
 
-    It is a summed-area table (rows + 1, columns + 1).
+    Each entry counts the lethal cells in the rows and columns before it.
     """
     rows, columns = cells.shape
     counts = np.zeros((rows + 1, columns + 1), np.int32)
     for row in range(rows):
         in_row = np.int32(0)
         for column in range(columns):
-            in_row += np.int32(cells[row, column] >= _LETHAL)
+            in_row += np.int32(cells[row, column] >= LETHAL)
             # A summed-area table: any box's count is a sum of four entries.
             counts[row + 1, column + 1] = counts[row, column + 1] + in_row
     return counts
@@ -432,7 +437,7 @@ def add_control_costs(
 
 @kernel
 def resample(points: FloatArray, spacing: float, max_points: int) -> FloatArray:
-    """Return up to `max_points` points at even distance along a line, its start first.
+    """Return up to `max_points` points evenly along a line, its start first, end last.
 
     Args:
         points: Corners (n, 2) of the line in m.

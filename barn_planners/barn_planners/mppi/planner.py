@@ -88,7 +88,7 @@ class MppiController(Controller):
         self._has_samples = False
 
     def control(self, inputs: ControlInput) -> Control:
-        """Return the solution's first control, STOP at the goal, none if all collide.
+        """Return the first control, STOP at the goal, none if stuck or all collide.
 
         If all samples collide or the robot is stuck, there is a reason instead.
         """
@@ -167,7 +167,10 @@ class MppiController(Controller):
     def _improve(
         self, inputs: ControlInput, path: "_Path", goal_distance_m: float
     ) -> int:
-        """Improve the solution in rounds; return how many last samples collide."""
+        """Sample around the solution and improve it; return how many samples collide.
+
+        With several rounds, those of the last one count.
+        """
         collisions = self.config.samples
         for _ in range(self.config.iterations):
             self._sample(inputs)
@@ -300,7 +303,7 @@ class _Path:
     """The part of the plan ahead of the robot, with evenly spaced points."""
 
     def __init__(self, inputs: ControlInput, config: MppiConfig):
-        """Resample the visible plan evenly, from its point nearest to the robot."""
+        """Resample the visible plan ahead evenly; note arc lengths and free points."""
         plan = inputs.visible[:, :2]
         offsets = plan - (inputs.pose.x, inputs.pose.y)
         nearest = (offsets**2).sum(axis=1).argmin()
@@ -344,9 +347,9 @@ def lowest_cost_in_reach(config: CostmapConfig, resolution: float) -> int:
 
 
 ENTRY = PlannerEntry(
-    lambda config: NavigationPlanner(config, MppiController(config.mppi)),
-    {ANY_PROTOCOL: MppiPlannerConfig()},
-    "model predictive path integral control, after Nav2's controller",
-    fit_to_robot,
+    build=lambda config: NavigationPlanner(config, MppiController(config.mppi)),
+    presets={ANY_PROTOCOL: MppiPlannerConfig()},
+    summary="model predictive path integral control, after Nav2's controller",
+    fit=fit_to_robot,
     compute=Compute(delay_s=0.002),
 )

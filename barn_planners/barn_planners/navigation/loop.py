@@ -188,7 +188,7 @@ class NavigationPlanner(Planner):
         self.controller.reset(seed)
 
     def step(self, observation: Observation) -> Decision:
-        """Return the decision of a cycle: drive, hold, stop, or recover with a reason.
+        """Return a cycle's decision: drive, stop, recover; one command per period.
 
         Its command is None for further observations within one control period.
         """
@@ -262,7 +262,7 @@ class NavigationPlanner(Planner):
         return True
 
     def _replan(self, observation: Observation) -> FloatArray | None:
-        """Make a global plan if one is due; return its points (n, 2), else None."""
+        """Make and keep a plan if one is due; return its points (n, 2), else None."""
         stamp_ns = observation.stamp_ns
         if (
             not self._waits_for_plan

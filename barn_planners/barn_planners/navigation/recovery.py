@@ -96,8 +96,7 @@ class Recovery:
 
     def record_missing_command(self, stamp_ns: int) -> None:
         """Start recovery (`active`) if the last command is older than the patience."""
-        patience_ns = nanoseconds(self.config.controller_patience_s)
-        if stamp_ns - self._command_ns > patience_ns:
+        if stamp_ns - self._command_ns > nanoseconds(self.config.controller_patience_s):
             self.active = True
             self._is_for_plan = False
 

@@ -108,7 +108,8 @@ def least_clearance(
         half_width: Half its width in m.
 
     Returns:
-        Distance in m; 0 if a point lies inside the outline.
+        Distance in m; 0 if a point lies inside the outline, inf without points. The
+        pose before the drive is not checked.
     """
     least = math.inf
     for k in range(1, steps + 1):

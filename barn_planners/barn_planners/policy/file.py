@@ -14,10 +14,10 @@ A policy file is a .npz. For each layer k it holds float32 arrays `weights_k.npy
 - about: notes for people.
 
 Any other policy is an ONNX file with float32 inputs and outputs of fixed shapes. Its
-first input is the observation (1, size), its first output the action (1, 2). Further inputs are the state of a
-recurrent policy, zeros at the start of a trial; as many further outputs, in the same order,
-are the state of the next step. The metadata of the model has an entry `barn_policy`, in
-JSON::
+first input is the observation (1, size), its first output the action (1, 2). Further
+inputs are the state of a recurrent policy, zeros at the start of a trial; as many
+further outputs, in the same order, are the state of the next step. The metadata of the
+model has an entry `barn_policy`, in JSON::
 
     {"observation": {...}, "action": {...}, "about": {...}}
 """

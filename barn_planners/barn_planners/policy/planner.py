@@ -177,11 +177,11 @@ def _fit_to_robot(config: PolicyConfig, robot: Robot) -> dict[str, Any]:
 
 
 ENTRY = PlannerEntry(
-    PolicyPlanner,
-    {ANY_PROTOCOL: PolicyConfig()},
-    "a learned policy from a file, with a stop before collisions",
-    _fit_to_robot,
+    build=PolicyPlanner,
+    presets={ANY_PROTOCOL: PolicyConfig()},
+    summary="a learned policy from a file, with a stop before collisions",
+    fit=_fit_to_robot,
     # The file decides the speed class, not a parameter of the planner.
-    lambda config: load_network(config.path).action.cap_mps,
+    speed_cap=lambda config: load_network(config.path).action.cap_mps,
     compute=Compute(delay_s=0.0001),
 )

@@ -81,7 +81,7 @@ class PolicyObservation(Checked):
         return self.frames * self.frame_size
 
     def bounds(self) -> tuple[Vector, Vector]:
-        """Return the lowest and the highest value of each entry, both (size,)."""
+        """Return lowest (0 or -1) and highest (1) value of each entry, both (size,)."""
         low = np.zeros(self.frame_size, np.float32)
         # Ranges and the goal's distance are not negative; all other entries have a sign.
         low[self.beams + 1 :] = -1.0
@@ -142,7 +142,9 @@ class FrameStack:
         self._is_empty[row] = True
 
     def push(self, rows: Indices, frames: Vector, vectors: Vector) -> None:
-        """Add the newest frames of some robots and fill in their vectors.
+        """Store new frames of some robots and write their vectors, in place.
+
+        The first frame after `clear` fills the whole memory of a robot.
 
         Args:
             rows: Robots that have a new frame, (k,).
@@ -183,10 +185,7 @@ class ObservationEncoder:
         )
 
     def problem(self, scan: Scan) -> str:
-        """Return why the policy cannot use a scan's angles, or an empty string.
-
-        New angles assign the beams to sectors anew.
-        """
+        """Return why a scan's angles are unusable, or ""; assign beams if they are new."""
         geometry = (len(scan.ranges), scan.angle_min, scan.angle_increment)
         if geometry != self._geometry:
             self._geometry = geometry
@@ -318,7 +317,7 @@ def _encode(
     limits: tuple[np.float32, float, float, float],
     frames: Vector,
 ) -> None:
-    """Fill `frames` as `ObservationEncoder.encode_all` does.
+    """Write the sectors' ranges, goal and velocity of robots in `rows` to `frames`.
 
     The limits are those of range, goal distance, speed and yaw rate.
     """
@@ -377,7 +376,7 @@ def _push_frames(
     frames: Vector,
     vectors: Vector,
 ) -> None:
-    """Add frames as `FrameStack.push` does.
+    """Shift in frames of robots `rows` and write vectors; a first frame fills all.
 
     Args:
         last: Last frames (n, depth, frame_size), newest first, changed in place.

@@ -52,7 +52,9 @@ from barn_worlds.ros.parameters import (
     declare_parameters,
     read_parameters,
     refuse_invalid_changes,
+    warn_about_unknown_parameters,
 )
+from barn_worlds.ros.starting import start_ros
 from barn_worlds.ros.topics import create_publisher, subscribe
 
 T = TypeVar("T")
@@ -137,6 +139,7 @@ class PlannerNode(Node):
         self._planner_config = declare_parameters(self, planner_config(planner, preset))
         sync = declare_parameters(self, SyncConfig())
         refuse_invalid_changes(self, self._planner_config)
+        warn_about_unknown_parameters(self)
 
         self._synchronizer = Synchronizer(sync, use_pose=config.use_map)
         self.get_logger().info(COMPILING_NOTE)
@@ -151,9 +154,9 @@ class PlannerNode(Node):
         # The first view compiles kernels too, which must not delay the first command.
         self._messages.warm_up(self._runtime.planner)
         self._connect()
-        frame = self._planning_frame
         self.get_logger().info(
-            f"planner {planner!r}, preset {preset!r}, planning in frame {frame!r}"
+            f"planner {planner!r}, preset {preset!r}, planning in frame"
+            f" {self._planning_frame!r}"
         )
 
     def stop_robot(self) -> None:
@@ -351,8 +354,8 @@ def run(planner: str, name: str) -> int:
     # Without rclpy's own handlers, so that the node can still send its last command.
     signal.signal(signal.SIGINT, on_signal)
     signal.signal(signal.SIGTERM, on_signal)
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     try:
+        start_ros(signals=SignalHandlerOptions.NO)
         node = PlannerNode(planner, name)
         executor = SingleThreadedExecutor()
         executor.add_node(node)

@@ -84,7 +84,7 @@ def select_candidates(
 
 
 def _colors(costs: FloatArray) -> FloatArray:
-    """Return colors (k, 4) from cheapest to costliest, which NaN gets, gray if inf."""
+    """Return RGBA (k, 4), cheapest to costliest color; NaN is costliest, inf gray."""
     is_known = np.isfinite(costs)
     shares = np.ones(len(costs))
     if is_known.any():
@@ -100,7 +100,10 @@ def _colors(costs: FloatArray) -> FloatArray:
 
 @lru_cache(maxsize=64)
 def _spread_indices(count: int, limit: int) -> Integers:
-    """Return at most `limit` indices below `count`, evenly spread, with both ends."""
+    """Return at most `limit` indices below `count`, evenly spread, with both ends.
+
+    The array is cached: copy it before a change.
+    """
     places = np.linspace(0, count - 1, min(count, limit))
     indices: Integers = places.round().astype(np.int64)
     return indices
@@ -314,7 +317,7 @@ def _candidates_layout(count: int, length: int, frame: str) -> Layout:
 
 
 def _add_points(line: Message, width_m: float, count: int) -> tuple[str, ...]:
-    """Give a line marker its width and points; return the coordinates' field names."""
+    """Give a line marker its width and points; return names of their x and y fields."""
     line.scale.x = width_m
     line.points = [make_message("geometry_msgs/msg/Point") for _ in range(count)]
     return tuple(f"points.{index}.{axis}" for index in range(count) for axis in "xy")

@@ -70,7 +70,7 @@ class PlannerRuntime:
         return ", ".join(missing)
 
     def set_goal(self, goal: Pose2D) -> bool:
-        """Set the goal; start a task with it if possible and return whether it started.
+        """Set a goal; start a task if new and possible; return whether it has started.
 
         An equal goal starts a task only if the last one is over and a pause has passed.
         """
@@ -100,7 +100,9 @@ class PlannerRuntime:
         self._start_task()
 
     def step(self, observation: Observation) -> RuntimeOutput:
-        """Return command and decision; STOP without task, TypeError for no Decision.
+        """Return decision and command (the last one if it has none; STOP if no task).
+
+        Without `repeat_command`, there is no command where the decision has none.
 
         Raises:
             TypeError: If the planner's `step` returns no `Decision`.

@@ -136,7 +136,10 @@ class _History(Generic[T]):
         self._sends_per_scan = True
 
     def add(self, stamp_ns: int, reading: T, last_scan_ns: int | None) -> None:
-        """Store a reading by its stamp in ns; beyond 200, drop those stored first."""
+        """Store a reading by its stamp in ns; beyond 200, drop those stored first.
+
+        One with the stamp of the last scan shows that the source sends one per scan.
+        """
         self._readings[stamp_ns] = reading
         if stamp_ns == last_scan_ns:
             self._sends_per_scan = True

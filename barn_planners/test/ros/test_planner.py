@@ -185,7 +185,11 @@ def test_reset_new_parameters_stamped_commands_and_refused_goals(
     goal = Pose2D(4.0, 0.3, 0.0)
     with closing(Harness(TwistStamped)) as harness:
         process = start_node(
-            "main", planner="dwa", preset="challenge", command_type="twist_stamped"
+            "main",
+            planner="dwa",
+            preset="challenge",
+            command_type="twist_stamped",
+            sead=1,
         )
         harness.meet(use_map=False)
         harness.goal.publish(goal_message(goal, "map"))
@@ -206,6 +210,7 @@ def test_reset_new_parameters_stamped_commands_and_refused_goals(
         assert code == 0
         refusal = "goal refused: it is in frame 'map', but this planner plans in 'odom'"
         assert log.count(refusal) == 1
+        assert "unknown parameter 'sead'; did you mean 'seed'?" in log
         assert "Traceback" not in log
 
 
@@ -219,3 +224,8 @@ def test_reset_new_parameters_stamped_commands_and_refused_goals(
 def test_a_wrong_parameter_ends_the_node_with_one_line(start_node, parameter, message):
     code, output = start_node("main", **parameter).end()
     assert code == ExitCode.REFUSED and message in output and output.count("\n") == 1
+
+
+def test_malformed_arguments_end_the_node_without_a_traceback(start_node):
+    code, output = start_node(**{"": 0}).end()
+    assert code == ExitCode.REFUSED and "Traceback" not in output

@@ -39,7 +39,7 @@ def begin_friction(
     inverse_mass: float,
     full_slip_mps: float,
 ) -> tuple[Motion, Rims]:
-    """Set levers and steps of the wheels; return motion after the last tick's impulses.
+    """Set wheels' levers and steps; return motion after last impulses, and rim speeds.
 
     Args:
         motion: Velocity and spin at the end of the tick without friction.

@@ -121,7 +121,7 @@ def joint_names(chassis: Chassis) -> tuple[str, ...]:
 
 
 def _body_shapes(chassis: Chassis, wheels: Floats) -> tuple[Shape, ...]:
-    """Return the collision shapes: a box, upright cylinder or prism, then the wheels.
+    """Return collision shapes: a box or cylinder, then the wheels; or a prism alone.
 
     A prism has no wheels: they are within the footprint, and PyBullet makes no compound
     with a prism.

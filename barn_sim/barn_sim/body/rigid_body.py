@@ -228,7 +228,7 @@ tires_of = cache(Tires)
 
 @inline_kernel
 def begin_tires(robot: Record, fixed: Record) -> tuple[Motion, Rims]:
-    """Set the wheels' loads for a tick; return the friction solver's initial values.
+    """Set the wheels' loads; return motion after the last tick's friction, rim speeds.
 
     Args:
         robot: Record of the robot, with the rim speeds of the tick.

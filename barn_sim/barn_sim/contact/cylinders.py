@@ -40,7 +40,7 @@ def near_cylinders(
     robot_within: float,
     pushed_within: float,
 ) -> tuple[Integers, float]:
-    """Return rows of cylinders near the robot or a pushed one, and its free way in m.
+    """Return rows of cylinders near the robot or a pushed one, and how far it may go.
 
     Args:
         segments: Axes (n, 4) of all cylinders seen from above, m.
@@ -243,7 +243,7 @@ def intersect_cylinders(
     centers: Floats,
     tilted: Floats,
 ) -> int:
-    """Write circles at a height to `centers` (inf if none) or to `tilted`; count those.
+    """Write circles at a height (or inf) to `centers`, others to `tilted`; count those.
 
     Args:
         indices: Rows of the cylinders.

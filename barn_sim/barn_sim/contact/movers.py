@@ -13,7 +13,6 @@ import numpy as np
 from barn_sim.body.state import Record
 from barn_sim.body.vectors import Quaternion, Vector
 from barn_sim.config import SimulatorConfig
-from barn_sim.contact.bullet import bullet
 from barn_sim.contact.scene import STILL, ContactScene
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.types import NANOSECONDS_PER_SECOND, seconds
@@ -162,19 +161,21 @@ class Movers:
         _, _, radius, half_x, half_y, _, _ = self._shapes[index].tolist()
         height = float(self._heights_m[index])
         position, attitude = self._pose(index)
-        is_moving = index >= self._walls
         # To PyBullet, a body without mass is fixed.
         mass_kg = 0.0
-        if is_moving:
+        if index >= self._walls:
             mass_kg = _MASS_KG
         # A cylinder has its whole height, a box half of it, as `ContactScene.add` does.
         size: tuple[float, ...] = (half_x, half_y, 0.5 * height)
         if radius:
             size = (radius, height)
-        dynamics = {"lateralFriction": self._friction, "angularDamping": 0.0}
-        body = scene.add(size, position, attitude, mass_kg, **dynamics)
-        if is_moving:
-            bullet.setCollisionFilterGroupMask(
-                body, -1, _MOVER_GROUP, _ROBOT_GROUP, physicsClientId=scene.client
-            )
-        return body
+        return scene.add(
+            size,
+            position,
+            attitude,
+            mass_kg,
+            _MOVER_GROUP,
+            _ROBOT_GROUP,
+            lateralFriction=self._friction,
+            angularDamping=0.0,
+        )

@@ -13,7 +13,6 @@ import numpy as np
 
 from barn_sim.body.model import RobotModel
 from barn_sim.config import ObstacleConfig, SimulatorConfig
-from barn_sim.contact.bullet import bullet
 from barn_sim.contact.cylinders import (
     TOUCH_GAP_M,
     follow_cylinders,
@@ -146,7 +145,9 @@ class Obstacles:
         self._free_m = 0.0
 
     def prepare(self, scene: ContactScene, x: float, y: float, yaw: float) -> None:
-        """Create bodies of the cylinders that could be touched in the next tick.
+        """Create bodies of near cylinders; do nothing while the last look still holds.
+
+        Near are those that could be touched in the next tick.
 
         Args:
             scene: Scene of the contact.
@@ -168,7 +169,7 @@ class Obstacles:
     def _near(
         self, candidates: Bools, x: float, y: float, yaw: float, robot_within_m: float
     ) -> tuple[list[int], float]:
-        """Return candidates' rows near robot or pushed cylinders, and the free way in m."""
+        """Return near candidates' rows, and how far (m) the robot may go unchecked."""
         indices, free_m = near_cylinders(
             self.segments,
             candidates,
@@ -187,30 +188,26 @@ class Obstacles:
         """Create a cylinder in a scene, fixed or movable; return its number."""
         config = self._config
         state = self._states[index].tolist()
-        is_movable = self._movable[index]
         # To PyBullet, a body without mass is fixed.
         mass_kg = 0.0
         dynamics: dict[str, object] = {
             "lateralFriction": config.friction,
             "angularDamping": _ANGULAR_DAMPING,
         }
-        if is_movable:
+        if self._movable[index]:
             mass_kg = config.mass_kg
             tilt = config.inertia_tilt_kg_m2
             spin = config.inertia_spin_kg_m2
             dynamics["localInertiaDiagonal"] = [tilt, tilt, spin]
-        body = scene.add(
+        return scene.add(
             (self.radius_m, self._height_m),
             state[:3],
             state[3:],
             mass_kg,
+            _PUSHED_GROUP,
+            -1,
             **dynamics,
         )
-        if is_movable:
-            bullet.setCollisionFilterGroupMask(
-                body, -1, _PUSHED_GROUP, -1, physicsClientId=scene.client
-            )
-        return body
 
     def follow(self, scene: ContactScene, robot: Pose2D) -> None:
         """Copy movable bodies' states, clear `undisturbed`; at times remove idle ones.

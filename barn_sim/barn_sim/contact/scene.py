@@ -32,7 +32,7 @@ class ContactScene:
     """PyBullet's number of the robot's body."""
 
     def __init__(self, model: RobotModel, config: PhysicsConfig):
-        """Create a client with the ground and the robot.
+        """Start a client with the ground and a robot that does not collide with it.
 
         Args:
             model: Shapes and inertia of the robot. It stands on its tires, which
@@ -152,6 +152,8 @@ class ContactScene:
         position: Sequence[float],
         attitude: Sequence[float],
         mass_kg: float,
+        group: int,
+        mask: int,
         **dynamics: object,
     ) -> int:
         """Add a cylinder (2 sizes) or box (3 half sizes); return PyBullet's number.
@@ -161,6 +163,8 @@ class ContactScene:
             position: Center (3,), m.
             attitude: Quaternion (4,).
             mass_kg: Mass; 0 for a fixed body.
+            group: Bullet's filter group of a body that is not fixed.
+            mask: Groups that a body that is not fixed may touch; -1: all.
             **dynamics: Arguments of PyBullet's changeDynamics, such as lateralFriction.
 
         Returns:
@@ -182,6 +186,10 @@ class ContactScene:
             )
         shape = self._shapes[size]
         body = self._create(shape, position, attitude, mass_kg, **dynamics)
+        if mass_kg:
+            bullet.setCollisionFilterGroupMask(
+                body, -1, group, mask, physicsClientId=self.client
+            )
         self._obstacles.append(body)
         return body
 

@@ -328,7 +328,7 @@ class Studio(AbstractContextManager["Studio"]):
         self._put(body, (0.0, 0.0, 0.0))
 
     def _primitive(self, sizes: Sequence[float], color: str) -> int:
-        """Create a box (3 full sizes), cylinder (radius, length) or ball (radius)."""
+        """Create a box (3 sizes), cylinder (2) or ball (1); return its number."""
         if len(sizes) == 3:
             half_sizes = [0.5 * size for size in sizes]
             return self._visual(bullet.GEOM_BOX, color, halfExtents=half_sizes)

@@ -155,7 +155,7 @@ class RobotMotion:
         x, y, _, _ = self.drive.fleet.robots["attitude"][self._index].tolist()
         return 2.0 * math.asin(min(1.0, math.hypot(x, y)))
 
-    def place(self) -> tuple[Pose2D, Velocity2D]:
+    def pose_and_velocity(self) -> tuple[Pose2D, Velocity2D]:
         """Return true pose (map frame), speed and yaw rate of base_link now."""
         if self._placement is None or self._placement[0] != self.stamp_ns:
             x, y, yaw, linear, angular = base_motion(self.drive.fleet, self._index)
@@ -165,7 +165,7 @@ class RobotMotion:
 
     def remember_pose(self) -> None:
         """Append the present pose to the past ones that `poses_at` interpolates."""
-        pose, _ = self.place()
+        pose, _ = self.pose_and_velocity()
         self._past.append((self.stamp_ns, pose.x, pose.y, pose.yaw))
 
     def poses_at(self, stamps_ns: Floats) -> Floats:
@@ -173,7 +173,7 @@ class RobotMotion:
 
         They are interpolated from those of `remember_pose` and the present one.
         """
-        pose, _ = self.place()
+        pose, _ = self.pose_and_velocity()
         past = np.array([*self._past, (self.stamp_ns, pose.x, pose.y, pose.yaw)])
         # A yaw that wraps between two poses must not be interpolated the long way
         # round.

@@ -60,7 +60,7 @@ class Rhythm:
         self._last_command_ns: int | None = None
 
     def begin_trial(self, step_ns: int, wait_s: float) -> None:
-        """Reset missed commands for a trial; keep the period that earlier ones showed.
+        """Reset missed commands; set a declared period, else keep the measured one.
 
         Args:
             step_ns: Control period of the trial.
@@ -174,7 +174,7 @@ class Rhythm:
             return
         # A period of three and a half steps alternates between three and four.
         if max(intervals_ns) - min(intervals_ns) <= self._step_ns:
-            self._find(max(intervals_ns))
+            self._adopt_period(max(intervals_ns))
 
     def _judge_unasked(self, interval_s: float) -> None:
         """End a hold; adopt a period if a second command this late shows a timer."""
@@ -185,14 +185,14 @@ class Rhythm:
         is_timer = interval_s > 0.5 * typical_s
         if is_timer and 2e9 * typical_s > self._step_ns:
             # Measured intervals vary by a little, which is no reason for another step.
-            self._find(1e9 * typical_s - 0.1 * self._step_ns)
+            self._adopt_period(1e9 * typical_s - 0.1 * self._step_ns)
 
     def _recent_intervals_s(self) -> list[float]:
         """Return the wall-clock times (s) between answers, without the first ones."""
         recent_s = self._answers_s[_WAITS_BEFORE_HOLD // 2 :]
         return [later - earlier for earlier, later in pairwise(recent_s)]
 
-    def _find(self, period_ns: float) -> None:
+    def _adopt_period(self, period_ns: float) -> None:
         """Adopt a measured period in whole steps; set the missed commands to 0."""
         self.period_ns = self._whole_steps(period_ns)
         self._is_searching = False

@@ -32,7 +32,7 @@ from barn_sim.ros.topics import CommandInput, Outputs, diagnosis
 from barn_sim.ros.trial import SimulatedTrial, begin_trial
 from barn_sim.simulator import warm_up
 from barn_worlds.base.arrays import COMPILING_NOTE
-from barn_worlds.base.errors import BarnError, ExitCode, TippedError
+from barn_worlds.base.errors import BarnError, TippedError
 from barn_worlds.base.types import (
     NANOSECONDS_PER_SECOND,
     Velocity2D,
@@ -48,6 +48,7 @@ from barn_worlds.ros.parameters import (
     warn_about_unknown_parameters,
 )
 from barn_worlds.ros.private_line import PrivateLine
+from barn_worlds.ros.starting import start_ros
 
 # Version of the fields that ~/pause answers, for the evaluator.
 STATUS_VERSION = 1
@@ -199,10 +200,10 @@ class SimulatorNode(Node):
 
     def _is_ahead(self) -> bool:
         """Tell whether an evaluator is five periods behind; set `is_awaited` to it."""
-        if self._leader is None:
+        leader = self._leader
+        if leader is None:
             return False
         trial = self.trial
-        leader = self._leader
         # Set first, so that nothing is heard unnoticed between reading and waiting.
         leader.is_awaited = True
         heard_ns = leader.heard_ns
@@ -364,8 +365,9 @@ class SimulatorNode(Node):
     def _report(self) -> None:
         """Publish the diagnostics, without the world if an evaluator leads."""
         state = "paused" if self._paused else "running"
-        discreet = self._leader is not None
-        status = diagnosis(self.trial, self._commands, state, discreet=discreet)
+        status = diagnosis(
+            self.trial, self._commands, state, discreet=self._leader is not None
+        )
         self._outputs.publish([status])
 
 
@@ -397,14 +399,8 @@ def main(args: list[str] | None = None) -> int:
         signal.signal(number, stop)
     try:
         # rclpy's own handlers would shut ROS down in the midst of a step.
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    except RuntimeError as error:
-        # Malformed ROS arguments.
-        print(f"simulator: {error}", file=sys.stderr)
-        return ExitCode.REFUSED
-
-    executor = SingleThreadedExecutor()
-    try:
+        start_ros(args, SignalHandlerOptions.NO)
+        executor = SingleThreadedExecutor()
         node = SimulatorNode(executor)
         executor.add_node(node)
         node.run()

@@ -68,7 +68,7 @@ class FilterLocalization:
 
 
 def localization_map(world: World, historical: bool) -> OccupancyMap:
-    """Return a world's occupancy map for the particle filter, shifted if historical.
+    """Return a world's map for the particle filter, its obstacles nearer if historical.
 
     Args:
         world: World of the trial.

@@ -65,7 +65,10 @@ class FusedOdometry:
         robot["speed_factor"] = 1.0 + config.wheel_radius_error * radius
 
     def update(self, number: int) -> None:
-        """Set yaw and yaw rate errors to those of update `number`; in turn, from 0."""
+        """Set yaw and yaw rate errors to those of update `number`, drawn if needed.
+
+        Updates come in turn, from number 0.
+        """
         self.supply_noise(number, number)
         fleet = self._fleet
         robot = fleet.robots[self._index]
@@ -115,7 +118,7 @@ def integrate_wheels(robot: Record, tick_s: float) -> None:
 
 @kernel
 def renew_noise(robot: Record, settings: Record, row: Floats) -> None:
-    """Set the errors of yaw and yaw rate in a robot's record for a new update.
+    """Set errors of yaw and yaw rate in a robot's record: noise plus the gyro's bias.
 
     Args:
         robot: Record of the robot.

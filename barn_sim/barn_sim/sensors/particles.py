@@ -176,7 +176,7 @@ class ParticleLocalization:
         return self._table[1]
 
     def _resample(self, weights: Floats) -> None:
-        """Replace the particles by draws by weight, as many as their bins require."""
+        """Replace particles by draws by weight, some anywhere; bins set how many."""
         count = self._config.max_particles
         sums = np.cumsum(weights)
         # Independent draws as in amcl, not a low-variance comb.

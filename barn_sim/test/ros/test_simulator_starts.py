@@ -72,6 +72,7 @@ def test_runs_freely_at_sensor_rates_and_rejects_wrong_types(started):
         ({"robot": "husk"}, "unknown robot 'husk'; did you mean 'husky'?"),
         ({"physics.tick_s": 0.003}, "whole physics steps of 0.003 s"),
         ({"lidar.beams": "many"}, "lidar.beams"),
+        ({"": 0}, "ROS arguments: "),
     ],
 )
 def test_a_bad_start_is_refused_in_one_line(parameters, reason):

@@ -24,7 +24,9 @@ from barn_worlds.ros.parameters import (
     declare_parameters,
     read_parameters,
     refuse_invalid_changes,
+    warn_about_unknown_parameters,
 )
+from barn_worlds.ros.starting import start_ros
 from barn_worlds.ros.topics import create_publisher
 from barn_worlds.worlds.world import World
 
@@ -56,6 +58,7 @@ class MapServer(Node):
         self._path_publisher = create_publisher(self, WORLD_PATH)
         self._config = declare_parameters(self, MapServerConfig())
         refuse_invalid_changes(self, self._config)
+        warn_about_unknown_parameters(self)
         self.publish()
         self.create_service(Trigger, "~/reload", self._reload)
 
@@ -92,8 +95,8 @@ class MapServer(Node):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node until stopped; return 0, or the code of a BarnError, printed."""
-    rclpy.init(args=args)
     try:
+        start_ros(args)
         rclpy.spin(MapServer())
     except BarnError as error:
         print(f"map_server: {error}", file=sys.stderr)
