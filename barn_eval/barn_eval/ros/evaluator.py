@@ -51,11 +51,12 @@ from barn_eval.trials.system import ObservedTrial
 from barn_eval.trials.system_file import read_system
 from barn_eval.trials.trial import arrival_error_s, finish_trial
 from barn_worlds.base.config import from_dict
-from barn_worlds.base.errors import BarnError, ExitCode
+from barn_worlds.base.errors import BarnError, ConfigError, ExitCode
 from barn_worlds.base.files import read_json
 from barn_worlds.base.types import nanoseconds, seconds
 from barn_worlds.robots.files import load_robot
 from barn_worlds.ros.parameters import declare_parameters
+from barn_worlds.ros.starting import start_ros
 
 # Outcomes after which a process cannot be trusted with the next trial.
 _DOUBTFUL_PROCESS = {
@@ -94,7 +95,12 @@ def main(
     # rclpy ends its context on Ctrl-C, and so every wait; an exception on top of that
     # would strike anywhere.
     signal.signal(signal.SIGINT, lambda *_: None)
-    rclpy.init(args=arguments)
+    try:
+        start_ros(arguments)
+    except ConfigError as error:
+        print(f"evaluator: {error}", file=sys.stderr)
+        return error.exit_code
+
     node = Node("evaluator")
     supervisor = None
     try:
@@ -102,11 +108,9 @@ def main(
         config = declare_parameters(node, defaults, read_only=True)
         if config.system:
             # The names of its topics are known only now.
-            rules = ["--ros-args"]
-            for rule in read_system(Path(config.system)).remappings():
-                rules += ["-r", rule]
+            renamed = _create_node(Path(config.system))
             node.destroy_node()
-            node = Node("evaluator", cli_args=rules)
+            node = renamed
         if config.supervisor_fd < 0:
             return _run_by_hand(node, config)
         supervisor = EventChannel(socket.socket(fileno=config.supervisor_fd))
@@ -129,6 +133,14 @@ def main(
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
+
+
+def _create_node(system: Path) -> Node:
+    """Return a node with the topics of a system; ConfigError if its file is wrong."""
+    rules = ["--ros-args"]
+    for rule in read_system(system).remappings():
+        rules += ["-r", rule]
+    return Node("evaluator", cli_args=rules)
 
 
 def _run_assignment(

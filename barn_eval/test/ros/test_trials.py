@@ -36,6 +36,7 @@ from barn_eval.trials.result import Outcome
 from barn_eval.trials.run_config import RunConfig
 from barn_eval.trials.spec import simulator_config
 from barn_worlds.base.arrays import COMPILING_NOTE
+from barn_worlds.base.errors import ExitCode
 from barn_worlds.base.types import Pose2D
 from barn_worlds.geometry.bodies import wall_bodies
 from barn_worlds.geometry.footprint import Footprint
@@ -380,6 +381,15 @@ def test_nothing_listens_beyond_loopback_or_is_left_running(
     until(lambda: not ros.marked(nothing_left))
     assert (tmp_path / "run" / "run.json").exists()
     assert not (tmp_path / "run" / "results.jsonl").exists()
+
+
+def test_malformed_arguments_end_the_evaluator_without_a_traceback():
+    words = "barn_eval.ros.evaluator:main --ros-args -p worlds"
+    command = [sys.executable, start.__file__, *words.split()]
+    done = subprocess.run(command, check=False, capture_output=True, text=True)
+    assert done.returncode == ExitCode.REFUSED
+    assert "\nevaluator: ROS arguments: " in f"\n{done.stderr}"
+    assert "Traceback" not in done.stderr
 
 
 def test_the_nodes_started_by_hand(tmp_path, monkeypatch):
