@@ -67,7 +67,7 @@ class BoardClass(NamedTuple):
         return f"up to {self.speed_class_mps:g} m/s"
 
     def difference(self, other: "BoardClass") -> str:
-        """Return how this class differs from another, in words; empty if equal."""
+        """Return this class's first value that differs from another's, in words, or ""."""
         if self.protocol != other.protocol:
             return f"{self.protocol} protocol"
         if self.system != other.system:

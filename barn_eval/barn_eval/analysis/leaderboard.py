@@ -216,7 +216,7 @@ def board_rows(boards: Sequence[Board]) -> list[dict[str, Any]]:
 
 
 def make_board(entries: Sequence[Entry], measure: Measure) -> Board:
-    """Rank entries by a measure, testing every pair; ConfigError if tasks differ.
+    """Rank entries by a measure, with cautions and bags; ConfigError if tasks differ.
 
     Args:
         entries: At least one, with distinct labels.
@@ -346,7 +346,7 @@ def sweep_parameters(entries: Sequence[Entry]) -> list[str]:
 
 
 def make_sweep_board(folder: Path) -> Board:
-    """Read the folder of a sweep and rank its settings on one board.
+    """Read the folder of a sweep; rank its settings on one board by the ranking measure.
 
     Settings with different speed caps share the board; a note then says so.
 

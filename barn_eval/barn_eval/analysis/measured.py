@@ -85,7 +85,7 @@ def pair_by_world(measured: Sequence[Entry], simulated: Sequence[Entry]) -> Text
 
 
 def _group(entries: Iterable[Entry]) -> _Groups:
-    """Return rows by (planner, world's checksum), ordered by world; others left out."""
+    """Return rows by (planner, world's checksum), by world; leave out unknown worlds."""
     groups: _Groups = {}
     for entry in entries:
         for row in sorted(entry.results, key=lambda row: row.world):

@@ -211,7 +211,7 @@ def ranking_measure(results: Rows) -> Measure:
 
 
 def clearance_measure(results: Rows) -> Measure:
-    """Return the clearance to moving obstacles if all trials have some, else to all."""
+    """Return the measure of clearance to moving obstacles if all have some, else to all."""
     if has_motion(results).all():
         return MEASURES["moving_clearance_m"]
     return MEASURES["min_clearance_m"]

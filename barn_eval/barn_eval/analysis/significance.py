@@ -146,7 +146,7 @@ class Share:
         return float(low), float(high)
 
     def p_above(self, share: float) -> float:
-        """Return the two-sided p-value of a larger share, `share`, as the true one."""
+        """Return the two-sided p-value if the true share were `share`, a larger one."""
         if share >= 1.0:
             return 0.0
         successes = self.share * self.effective
@@ -213,7 +213,8 @@ def effective_trials(
     """Return (share, effective number of independent trials, number of worlds).
 
     The effective number is p (1 - p) / v, at most n, where v is the variance of the
-    share, estimated from the worlds' shares.
+    share, estimated from the worlds' shares. If all worlds have the same share, it is
+    the number of worlds.
 
     Args:
         values: One value from 0 to 1 per trial (n,).
