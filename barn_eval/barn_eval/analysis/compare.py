@@ -33,7 +33,7 @@ from barn_eval.analysis.statistics import (
     rank_correlation,
 )
 from barn_eval.analysis.text_table import join_names
-from barn_eval.results.row_table import column
+from barn_eval.results.row_table import column, row_keys
 from barn_eval.results.store import LOGS
 from barn_eval.running.command_files import read_node_parameters
 from barn_eval.trials.identity import NOT_SET, flatten
@@ -452,10 +452,8 @@ def require_pairs(a: Rows, b: Rows) -> None:
 
 def trial_places(results: Rows) -> dict[tuple[int, int], int]:
     """Return the index of each trial by (world, repetition), the last if repeated."""
-    worlds = column(results, "world").tolist()
-    repetitions = column(results, "repetition").tolist()
-    keys = zip(worlds, repetitions, strict=True)
-    return {key: place for place, key in enumerate(keys)}
+    keys = row_keys(results, ("world", "repetition"))
+    return {(world, number): place for place, (world, number) in enumerate(keys)}
 
 
 def describe_parameter_changes(

@@ -40,19 +40,19 @@ def _failure_s_per_m(rows: Rows) -> Floats:
     return _failure_s(rows) / lengths_m
 
 
-def _nothing(rows: Rows) -> Floats:
+def _zeros(rows: Rows) -> Floats:
     """Return 0 per row (n,)."""
     return np.zeros(len(rows))
 
 
 # A failure scores zero, or counts the time that the protocol sets.
 _FAILURE_VALUES: dict[str, Callable[[Rows], Floats]] = {
-    "success": _nothing,
+    "success": _zeros,
     "scored_time_s": _failure_s,
     "normalised_time_s_per_m": _failure_s_per_m,
-    "challenge": _nothing,
-    "challenge_2022": _nothing,
-    "efficiency": _nothing,
+    "challenge": _zeros,
+    "challenge_2022": _zeros,
+    "efficiency": _zeros,
 }
 
 

@@ -155,8 +155,8 @@ def rank(
         planners: Trials by planner, of at least one.
         larger_is_better: Whether larger values of the measure are better.
         flips: Number of patterns, raised if many pairs need more.
-        pair_tests: Tests of some pairs, which are reused if they are over the same trials
-            and with as many patterns.
+        pair_tests: Tests of some pairs, which are reused if they are over the same
+            trials and with as many patterns.
     """
     matched = matched_trials(list(planners.values()))
     trials = dict(zip(planners, matched, strict=True))

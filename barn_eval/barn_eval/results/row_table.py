@@ -188,6 +188,11 @@ def column(rows: Rows, path: str) -> Any:
     return np.array(values)
 
 
+def row_keys(rows: Rows, paths: Iterable[str]) -> Iterator[tuple[Any, ...]]:
+    """Return an iterator over each row's values of these dotted fields, as a tuple."""
+    return zip(*(column(rows, path).tolist() for path in paths), strict=True)
+
+
 def take(rows: Rows, positions: Integers | Bools) -> Rows:
     """Return the rows at these indices, or where a mask is true, in that order."""
     if isinstance(rows, RowTable):
