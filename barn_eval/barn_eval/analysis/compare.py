@@ -459,12 +459,12 @@ def trial_places(results: Rows) -> dict[tuple[int, int], int]:
 def describe_parameter_changes(
     a: Source, planner_a: str, b: Source, planner_b: str
 ) -> str:
-    """Return a sentence on the parameters and files in which two planners differ, or "".
+    """Return a sentence that names up to five differing parameters or files, or "".
 
     Registered planners are compared by presets and overrides, others by the parameters
     that their nodes reported and the SHA-256 of their files. Planners or nodes with
     different names are not compared. Files with different names are listed only if
-    nothing else differs. At most five differences are named, and the others counted.
+    nothing else differs. Further differences are counted.
 
     Args:
         a: Folder of the first planner.

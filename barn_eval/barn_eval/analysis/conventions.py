@@ -131,7 +131,7 @@ def _place(
     convention: Convention,
     references_s: dict[tuple[str, int], float],
 ) -> Place:
-    """Return one planner's place: counts of attempts and trials, and mean times."""
+    """Return one planner's place: counts, mean time, and its ratio to the reference."""
     attempts = sum(map(len, courses.values()))
     timely_attempts = 0
     counted = 0

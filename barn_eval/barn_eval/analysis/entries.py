@@ -149,7 +149,7 @@ class Computing:
 
 
 def computing_of(results: Rows) -> Computing:
-    """Return compute modes and assumed computer speed of one planner's rows."""
+    """Return the compute modes, and the computer speed that 90 % of the rows do with."""
     # Rows of one planner may differ if a folder was resumed with another option.
     names = set(column(results, "compute").tolist()) - {""}
     modes = {COMPUTE_MODE_LABELS[name] for name in names}
@@ -189,7 +189,7 @@ def entries_of(sources: Sequence[Source]) -> list[Entry]:
 
 
 def label_entries(entries: Sequence[Entry]) -> list[Entry]:
-    """Return copies of entries with distinct labels, and colors by planner.
+    """Return copies with colors and distinct labels: planner and setting, folder or path.
 
     Entries of one planner are labeled by the settings in which they differ, or else by
     their folders.

@@ -164,7 +164,7 @@ def make_boards(
 
 
 def _name_other_boards(board: Board, boards: Sequence[Board]) -> Iterator[str]:
-    """Yield a sentence that names the planners of all other boards, if any."""
+    """Yield a sentence that names planners of other boards, and why, if there are any."""
     classes = board_class(board.places[0].entry)
     planners = []
     for other in boards:
@@ -402,7 +402,7 @@ def sweep_table(board: Board) -> TextTable:
 
 
 def _order_settings(board: Board) -> list[tuple[int, Place]]:
-    """Return (position in the ranking, place) pairs, best first.
+    """Return (position in the ranking, place) pairs, best first or, for delays, by delay.
 
     A sweep over the delay is ordered by planner and delay instead.
     """

@@ -98,12 +98,12 @@ class Measure:
 
     @property
     def heading(self) -> str:
-        """Title with the unit in brackets, for table columns and axes."""
+        """Title with any maximum and the unit in brackets, for table columns and axes."""
         return self._with_unit(self.title)
 
     @property
     def trial_heading(self) -> str:
-        """Label with the unit in brackets, for columns of single trials."""
+        """Label with any maximum and the unit in brackets, for columns of single trials."""
         return self._with_unit(self.label)
 
     @property
@@ -112,10 +112,7 @@ class Measure:
         return " %" if self.percent else f" {self.unit}".rstrip()
 
     def values(self, results: Rows) -> Floats:
-        """Return a value per result (n,); NaN if it has none or does not count.
-
-        Failed trials do not count for measures of successes only.
-        """
+        """Return a value per result (n,), NaN without one; see `successes_only` for failures."""
         values = self.raw_values(results)
         if not self.successes_only:
             return values

@@ -266,7 +266,7 @@ def make_tables(
 
 
 def _compare_entries(a: Entry, b: Entry, keys: Sequence[str]) -> Comparison | Refusal:
-    """Return two entries' comparison, not adjusted by Holm, or why there is none."""
+    """Return two entries' comparison and parameters, before Holm, or why there is none."""
     try:
         comparison = compare(a.results, b.results, a.label, b.label, keys)
         parameters = describe_parameter_changes(

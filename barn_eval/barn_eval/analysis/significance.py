@@ -317,7 +317,7 @@ def p_text(p: float) -> str:
 
 @lru_cache(maxsize=4)
 def sign_patterns(worlds: int, flips: int) -> Floats:
-    """Return cached patterns (m, worlds) of +1 and -1; the first, the data, is all +1.
+    """Return cached sign patterns (m, worlds), all up to 13 worlds; the first is all +1.
 
     The patterns are cached, because all measures of a comparison have the same worlds.
 
@@ -337,7 +337,7 @@ def sign_patterns(worlds: int, flips: int) -> Floats:
 def half_width(
     parts: Components, worlds: int, repetitions: int, level: float = LEVEL
 ) -> float:
-    """Return half the width of a mean's interval; infinite for fewer than two worlds.
+    """Return half the width of an interval, wider for unseen failures; inf below 2 worlds.
 
     The width follows from the variance or, if that is wider, from failures that may
     still occur.

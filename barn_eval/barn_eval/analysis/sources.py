@@ -147,7 +147,7 @@ class Source:
 
 
 def read_source(path: Path, rows: Rows | None = None) -> Source:
-    """Read a table, or a folder's run.json and scored rows; ConfigError without a run.
+    """Read a table, or a folder's run.json and scored rows, sorted; ConfigError if no run.
 
     Args:
         path: The folder, or a table file.

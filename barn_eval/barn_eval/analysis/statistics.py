@@ -91,7 +91,7 @@ class TrialValues:
         return replace(interval, low=low, high=high)
 
     def parts(self) -> Components:
-        """Return variances between and within worlds, 0 within at one trial in each."""
+        """Return variances between and within worlds, and the cost of unseen failures."""
         components = significance.variance_components(self.values, self.worlds)
         return replace(components, unseen=self.unseen)
 

@@ -114,9 +114,9 @@ def ranked_table(run: RunSummary) -> TextTable:
 
 
 def describe_failures(results: Rows) -> str:
-    """Return a line with each planner's failures by outcome, or "" if there are none.
+    """Return lines: failures by planner and outcome, then examples; "" without failures.
 
-    Further lines give an example of each outcome that needs an explanation.
+    Timeouts and collisions need no example.
 
     Args:
         results: Results of any planners.

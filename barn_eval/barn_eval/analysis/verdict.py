@@ -415,7 +415,7 @@ def _needed_worlds(test: Difference, ranking: Ranking) -> str:
 def _difference_text(
     measure: Measure, interval: Interval, other: str, mean: float
 ) -> str:
-    """Return the size of a difference as text, with interval and percentage of a mean."""
+    """Return a difference as text, without sign, with interval and percentage of `mean`."""
     size = interval if interval.estimate >= 0.0 else interval.negate()
     # A difference of shares is in percentage points.
     unit = " percentage points" if measure.percent else measure.after

@@ -221,7 +221,7 @@ def systems(rows: Rows) -> list[str]:
 
 
 def parse_rows(lines: Sequence[str]) -> RowTable | None:
-    """Return the rows in lines without checksums, or None if a line needs a closer look.
+    """Return the rows in lines without checksums, or None if one is unusual or invalid.
 
     The caller must then parse line by line, because a line may have the oldest schema or
     must be refused.
