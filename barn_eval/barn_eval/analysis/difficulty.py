@@ -58,7 +58,7 @@ def means_by_world(results: Rows, measure: Measure) -> dict[int, float]:
 
 
 def rows_in_worlds(results: Rows, worlds: Sequence[int]) -> Rows:
-    """Return the results in worlds with these numbers, in their order."""
+    """Return the results in worlds with these numbers, in the order of the results."""
     return take(results, np.isin(column(results, "world"), worlds))
 
 

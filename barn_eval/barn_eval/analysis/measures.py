@@ -112,7 +112,7 @@ class Measure:
         return " %" if self.percent else f" {self.unit}".rstrip()
 
     def values(self, results: Rows) -> Floats:
-        """Return a value per result (n,), NaN without one; see `successes_only` for failures."""
+        """Return a value per result (n,); NaN if missing or, with `successes_only`, failed."""
         values = self.raw_values(results)
         if not self.successes_only:
             return values

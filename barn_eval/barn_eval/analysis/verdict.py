@@ -382,7 +382,7 @@ def _possible_failures(ranking: Ranking, places: Iterable[int]) -> str:
 
 
 def _needed_worlds(test: Difference, ranking: Ranking) -> str:
-    """Return a sentence on how many worlds would make a difference significant."""
+    """Return a sentence on how many worlds a significant difference takes, or why none."""
     size = abs(test.interval.estimate)
     repetitions = max(1, round(test.trials / test.worlds))
     if size == 0.0:

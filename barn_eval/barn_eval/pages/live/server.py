@@ -56,7 +56,7 @@ class RunState:
     """The state of a results folder, computed anew only when its rows have changed."""
 
     def __init__(self, folder: Path):
-        """Watch a folder; ConfigError if it holds no run."""
+        """Keep the folder for `read`; ConfigError if it holds no run."""
         RunFile.read(folder)
         self.folder = folder
         # The argument is the version of the rows, by which the state is cached.
