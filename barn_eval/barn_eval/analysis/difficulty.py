@@ -63,7 +63,7 @@ def rows_in_worlds(results: Rows, worlds: Sequence[int]) -> Rows:
 
 
 def order_worlds(entries: Sequence[Entry]) -> WorldOrder:
-    """Sort worlds that all entries have by mean counted time per meter, quickest first.
+    """Sort worlds that all entries have, or else all, by mean counted time per meter.
 
     Only worlds in which every entry has a trial count; if there are none, all count.
     """

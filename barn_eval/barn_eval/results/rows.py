@@ -218,8 +218,8 @@ class TrialLines(Mapping[str, str]):
     def arrange(self, trial_ids: Iterable[str]) -> None:
         """Rewrite the file with one line per trial in this order, unless it is so already.
 
-        The last line of a trial counts. The file then no longer shows in which order
-        trials ended. Do not use this object afterwards.
+        The last line of a trial counts; trials without one are skipped. The file then no
+        longer shows in which order trials ended. Do not use this object afterwards.
         """
         names = [name for name in trial_ids if name in self._spans]
         if self._line_count > len(names) or names != list(self._spans):

@@ -123,7 +123,7 @@ def bounds(recorded: RecordedTrial) -> list[float]:
 
 
 def progress_m(recorded: RecordedTrial) -> Floats | None:
-    """Return the robot's progress along the path at each time (n,) [m], None if unknown.
+    """Return the farthest progress along the path by each time (n,) [m]; None if no path.
 
     The path leads from the start through the world to the goal. Progress is the arc
     length of its nearest point, the largest so far. None if the path is unknown.

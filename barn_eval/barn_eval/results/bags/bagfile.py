@@ -264,7 +264,7 @@ class BagFile:
         return types
 
     def messages(self, topics: Collection[str] = ()) -> Iterator[RawMessage]:
-        """Yield messages of `topics` (or all) up to damage or 512 MiB; BagError if none.
+        """Yield messages of `topics`, or all, to damage or 512 MiB; BagError if unreadable.
 
         After damage, `problem` says what ended the reading. Each call begins at the
         start of the bag.
