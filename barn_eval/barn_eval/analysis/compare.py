@@ -33,7 +33,7 @@ from barn_eval.analysis.statistics import (
     rank_correlation,
 )
 from barn_eval.analysis.text_table import join_names
-from barn_eval.results.row_table import column
+from barn_eval.results.row_table import column, row_keys
 from barn_eval.results.store import LOGS
 from barn_eval.running.command_files import read_node_parameters
 from barn_eval.trials.identity import NOT_SET, flatten
@@ -117,7 +117,7 @@ class Comparison:
         return next(row for row in self.rows if row.key == key)
 
     def columns(self) -> list[dict[str, Any]]:
-        """Return a dict of column values per measure."""
+        """Return a dict per measure: names, means, difference, p-values and counts."""
         rows: list[dict[str, Any]] = []
         for row in self.rows:
             paired = row.paired
@@ -147,14 +147,15 @@ def compare(
     label_b: str = "",
     keys: Sequence[str] = COMPARED,
 ) -> Comparison:
-    """Compare planners on shared trials, p_holm unadjusted; BarnError if unpaired.
+    """Compare A and B on shared trials, p_holm not adjusted yet; BarnError if unpaired.
 
     Args:
         a: Results of A.
         b: Results of B.
         label_a: Name of A in tables. By default the planner's name.
         label_b: Name of B in tables. By default the planner's name.
-        keys: Keys of measures. The ranking measure is always compared.
+        keys: Keys of measures. The ranking measure is always compared, and measures of
+            moving obstacles are if both planners met some.
 
     Raises:
         BarnError: If the results cannot be paired: their protocols, worlds or seeds
@@ -212,7 +213,7 @@ def compare(
 
 
 def count_available_worlds(results: Rows) -> int:
-    """Return the number of worlds in the first result's data set, 0 if unreadable."""
+    """Return the number of worlds in the first result's data set, 0 if unknown."""
     try:
         return len(open_dataset(results[0].dataset).world_numbers)
     # A data set that is a file on another machine must not stop an analysis.
@@ -330,7 +331,7 @@ def _pair_planners(
 
 
 def read_selections(a: Path, b: Path | None = None) -> list[Selection]:
-    """Read one or two results folders, with planners selected by `read_selection`."""
+    """Return what `read_selection` reads from `a` and, if given, from `b`."""
     return [read_selection(path) for path in (a, b) if path]
 
 
@@ -357,7 +358,7 @@ def read_selection(path: Path) -> Selection:
 
 
 def label_groups(selections: Sequence[Selection]) -> RowsByPlanner:
-    """Return rows by planner's display name, with the folder if both folders have it."""
+    """Return rows by planner's display name, with the path if two folders have it."""
     names: list[str] = []
     for _, groups in selections:
         names += groups
@@ -372,10 +373,11 @@ def label_groups(selections: Sequence[Selection]) -> RowsByPlanner:
 
 
 def trial_values(results: Rows, measure: Measure) -> TrialValues:
-    """Return a planner's values (NaN for none), worlds, repetitions and penalties.
+    """Return a value per trial; all are NaN if failures count and a value is missing.
 
-    The arrays are in the order of the results. A value is NaN if the trial has none, or
-    if it failed and the measure is of successes only.
+    The arrays are in the order of the results. A value is also NaN if the trial failed
+    and the measure is of successes only. Penalties of failures are left out unless all
+    values are finite.
 
     Args:
         results: Results of one planner.
@@ -450,21 +452,19 @@ def require_pairs(a: Rows, b: Rows) -> None:
 
 def trial_places(results: Rows) -> dict[tuple[int, int], int]:
     """Return the index of each trial by (world, repetition), the last if repeated."""
-    worlds = column(results, "world").tolist()
-    repetitions = column(results, "repetition").tolist()
-    keys = zip(worlds, repetitions, strict=True)
-    return {key: place for place, key in enumerate(keys)}
+    keys = row_keys(results, ("world", "repetition"))
+    return {(world, number): place for place, (world, number) in enumerate(keys)}
 
 
 def describe_parameter_changes(
     a: Source, planner_a: str, b: Source, planner_b: str
 ) -> str:
-    """Return a sentence on the parameters and files in which two planners differ, or "".
+    """Return a sentence that names up to five differing parameters or files, or "".
 
     Registered planners are compared by presets and overrides, others by the parameters
     that their nodes reported and the SHA-256 of their files. Planners or nodes with
     different names are not compared. Files with different names are listed only if
-    nothing else differs.
+    nothing else differs. Further differences are counted.
 
     Args:
         a: Folder of the first planner.

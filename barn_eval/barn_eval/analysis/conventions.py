@@ -65,7 +65,7 @@ class Place:
 
 
 def rank_by_convention(paths: Sequence[Path], convention: Convention) -> list[Place]:
-    """Rank all but the reference by counted trials, then time; ConfigError if nobody.
+    """Rank planners but the reference by counted trials, then time; ConfigError if none.
 
     Args:
         paths: Results folders of one task, including those of the reference.
@@ -100,7 +100,7 @@ def rank_by_convention(paths: Sequence[Path], convention: Convention) -> list[Pl
 
 
 def convention_table(places: Sequence[Place], name: str) -> TextTable:
-    """Return places as a table, the best first.
+    """Return places as a text table in their order, "-" for what is unknown.
 
     Args:
         places: The planners.
@@ -131,7 +131,7 @@ def _place(
     convention: Convention,
     references_s: dict[tuple[str, int], float],
 ) -> Place:
-    """Return one planner's place: counts of attempts and trials, and mean times."""
+    """Return one planner's place: counts, mean time, and its ratio to the reference."""
     attempts = sum(map(len, courses.values()))
     timely_attempts = 0
     counted = 0
@@ -175,6 +175,8 @@ def _successes_s(rows: Rows) -> list[float]:
 
 def select_timely(rows: Rows, window_s: float) -> Rows:
     """Return rows that ended within `window_s` of the first start; all if 0 or unknown.
+
+    Rows that do not say when they began are kept.
 
     Args:
         rows: Attempts of one planner at one course.

@@ -58,12 +58,12 @@ def means_by_world(results: Rows, measure: Measure) -> dict[int, float]:
 
 
 def rows_in_worlds(results: Rows, worlds: Sequence[int]) -> Rows:
-    """Return the results in worlds with these numbers, in their order."""
+    """Return the results in worlds with these numbers, in the order of the results."""
     return take(results, np.isin(column(results, "world"), worlds))
 
 
 def order_worlds(entries: Sequence[Entry]) -> WorldOrder:
-    """Sort world numbers by mean counted time per meter, the quickest world first.
+    """Sort worlds that all entries have, or else all, by mean counted time per meter.
 
     Only worlds in which every entry has a trial count; if there are none, all count.
     """

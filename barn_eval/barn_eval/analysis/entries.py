@@ -67,7 +67,7 @@ class BoardClass(NamedTuple):
         return f"up to {self.speed_class_mps:g} m/s"
 
     def difference(self, other: "BoardClass") -> str:
-        """Return how this class differs from another, in words; empty if equal."""
+        """Return this class's first value that differs from another's, in words, or ""."""
         if self.protocol != other.protocol:
             return f"{self.protocol} protocol"
         if self.system != other.system:
@@ -149,7 +149,7 @@ class Computing:
 
 
 def computing_of(results: Rows) -> Computing:
-    """Return compute modes and assumed computer speed of one planner's rows."""
+    """Return the compute modes, and the computer speed that 90 % of the rows do with."""
     # Rows of one planner may differ if a folder was resumed with another option.
     names = set(column(results, "compute").tolist()) - {""}
     modes = {COMPUTE_MODE_LABELS[name] for name in names}
@@ -189,7 +189,7 @@ def entries_of(sources: Sequence[Source]) -> list[Entry]:
 
 
 def label_entries(entries: Sequence[Entry]) -> list[Entry]:
-    """Return copies of entries with distinct labels, and colors by planner.
+    """Return copies with colors and distinct labels: planner and setting, folder or path.
 
     Entries of one planner are labeled by the settings in which they differ, or else by
     their folders.

@@ -21,7 +21,7 @@ from barn_eval.analysis.summary import Summary, summarize
 from barn_eval.analysis.text_table import TextTable, count_noun, join_names
 from barn_eval.analysis.verdict import Ranking, list_cautions, rank_results
 from barn_eval.results.bags import BAGS
-from barn_eval.results.row_table import column
+from barn_eval.results.row_table import column, row_keys
 from barn_eval.running.setting_folders import LATENCY, format_setting_value
 from barn_eval.trials.identity import fingerprint
 from barn_worlds.base.errors import ConfigError, suggest
@@ -104,15 +104,10 @@ class TrialGroup:
         """Return copies of the entries, restricted to the trials that all of them have."""
         entries = []
         for entry in self.entries:
-            is_common = [key in self.common_trials for key in _trial_keys(entry)]
+            keys = row_keys(entry.results, _KEY_PATHS)
+            is_common = [key in self.common_trials for key in keys]
             entries.append(entry.select(np.array(is_common, np.bool_)))
         return entries
-
-
-def _trial_keys(entry: Entry) -> Iterator[TrialKey]:
-    """Return an iterator over (world, its checksum, seed, repetition) of trials."""
-    columns = [column(entry.results, path).tolist() for path in _KEY_PATHS]
-    return zip(*columns, strict=True)
 
 
 def make_boards(
@@ -169,7 +164,7 @@ def make_boards(
 
 
 def _name_other_boards(board: Board, boards: Sequence[Board]) -> Iterator[str]:
-    """Yield a sentence that names the planners of all other boards, if any."""
+    """Yield a sentence that names planners of other boards, and why, if there are any."""
     classes = board_class(board.places[0].entry)
     planners = []
     for other in boards:
@@ -216,7 +211,7 @@ def board_rows(boards: Sequence[Board]) -> list[dict[str, Any]]:
 
 
 def make_board(entries: Sequence[Entry], measure: Measure) -> Board:
-    """Rank entries by a measure, testing every pair; ConfigError if tasks differ.
+    """Rank entries by a measure, with cautions and bags; ConfigError if tasks differ.
 
     Args:
         entries: At least one, with distinct labels.
@@ -295,7 +290,7 @@ def group_by_common_trials(
     groups: list[TrialGroup] = []
     # Largest first, so that a group's common trials start as wide as possible.
     for entry in sorted(entries, key=lambda entry: -len(entry.results)):
-        trials = set(_trial_keys(entry))
+        trials = set(row_keys(entry.results, _KEY_PATHS))
         for group in groups:
             if group.accepts(trials, least_share):
                 group.entries.append(entry)
@@ -346,7 +341,7 @@ def sweep_parameters(entries: Sequence[Entry]) -> list[str]:
 
 
 def make_sweep_board(folder: Path) -> Board:
-    """Read the folder of a sweep and rank its settings on one board.
+    """Read the folder of a sweep; rank its settings on one board by the ranking measure.
 
     Settings with different speed caps share the board; a note then says so.
 
@@ -407,7 +402,7 @@ def sweep_table(board: Board) -> TextTable:
 
 
 def _order_settings(board: Board) -> list[tuple[int, Place]]:
-    """Return (position in the ranking, place) pairs, best first.
+    """Return (position in the ranking, place) pairs, best first or, for delays, by delay.
 
     A sweep over the delay is ordered by planner and delay instead.
     """

@@ -97,7 +97,7 @@ class MarginTest:
 
 
 def decide_margin(comparison: Comparison, margin: Margin) -> MarginTest:
-    """Test whether B is worse than A by more than a margin; return the `MarginTest`.
+    """Test whether B is worse than A by more than a margin; it may stay undecided.
 
     Args:
         comparison: A and B, compared by at least the measure of the margin.

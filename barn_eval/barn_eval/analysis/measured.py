@@ -26,7 +26,7 @@ _Groups = dict[tuple[str, str], list[TrialResult]]
 
 
 def pair_by_world(measured: Sequence[Entry], simulated: Sequence[Entry]) -> TextTable:
-    """Return counted times per planner and world that both have; ConfigError if none.
+    """Return a table of times per planner and shared world, and means; ConfigError if none.
 
     The last row of each planner has the mean difference over its worlds, with its 95 %
     interval. Worlds with equal obstacles are the same.
@@ -85,7 +85,7 @@ def pair_by_world(measured: Sequence[Entry], simulated: Sequence[Entry]) -> Text
 
 
 def _group(entries: Iterable[Entry]) -> _Groups:
-    """Return rows by (planner, world's checksum), ordered by world; others left out."""
+    """Return rows by (planner, world's checksum), by world; leave out unknown worlds."""
     groups: _Groups = {}
     for entry in entries:
         for row in sorted(entry.results, key=lambda row: row.world):

@@ -40,19 +40,19 @@ def _failure_s_per_m(rows: Rows) -> Floats:
     return _failure_s(rows) / lengths_m
 
 
-def _nothing(rows: Rows) -> Floats:
+def _zeros(rows: Rows) -> Floats:
     """Return 0 per row (n,)."""
     return np.zeros(len(rows))
 
 
 # A failure scores zero, or counts the time that the protocol sets.
 _FAILURE_VALUES: dict[str, Callable[[Rows], Floats]] = {
-    "success": _nothing,
+    "success": _zeros,
     "scored_time_s": _failure_s,
     "normalised_time_s_per_m": _failure_s_per_m,
-    "challenge": _nothing,
-    "challenge_2022": _nothing,
-    "efficiency": _nothing,
+    "challenge": _zeros,
+    "challenge_2022": _zeros,
+    "efficiency": _zeros,
 }
 
 
@@ -98,12 +98,12 @@ class Measure:
 
     @property
     def heading(self) -> str:
-        """Title with the unit in brackets, for table columns and axes."""
+        """Title with any maximum and the unit in brackets, for table columns and axes."""
         return self._with_unit(self.title)
 
     @property
     def trial_heading(self) -> str:
-        """Label with the unit in brackets, for columns of single trials."""
+        """Label with any maximum and the unit in brackets, for columns of single trials."""
         return self._with_unit(self.label)
 
     @property
@@ -112,10 +112,7 @@ class Measure:
         return " %" if self.percent else f" {self.unit}".rstrip()
 
     def values(self, results: Rows) -> Floats:
-        """Return a value per result (n,); NaN if it has none or does not count.
-
-        Failed trials do not count for measures of successes only.
-        """
+        """Return a value per result (n,); NaN if missing or, with `successes_only`, failed."""
         values = self.raw_values(results)
         if not self.successes_only:
             return values
@@ -211,7 +208,7 @@ def ranking_measure(results: Rows) -> Measure:
 
 
 def clearance_measure(results: Rows) -> Measure:
-    """Return the clearance to moving obstacles if all trials have some, else to all."""
+    """Return the measure of clearance to moving obstacles if all have some, else to all."""
     if has_motion(results).all():
         return MEASURES["moving_clearance_m"]
     return MEASURES["min_clearance_m"]

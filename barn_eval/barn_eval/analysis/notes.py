@@ -2,7 +2,6 @@
 
 from collections.abc import Hashable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -10,7 +9,7 @@ from barn_eval.analysis.entries import Entry, board_class, computing_of
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.sources import Source, group_by_planner
 from barn_eval.results.commands import count_equal_commands
-from barn_eval.results.row_table import column, join, systems, take
+from barn_eval.results.row_table import column, join, row_keys, systems, take
 from barn_eval.results.run_file import CLAIMED, SUBMISSION_FILE
 from barn_eval.trials.result import (
     MAX_MISSED_SHARE,
@@ -66,7 +65,7 @@ def _find_equal_planners(entries: Sequence[Entry]) -> Iterator[str]:
     suspects = set()
     for entry in entries:
         has_driven = column(entry.results, "measures.driven_m") > 0.0
-        for key in _drives(take(entry.results, has_driven)):
+        for key in row_keys(take(entry.results, has_driven), _DRIVE_PATHS):
             if labels.setdefault(key, entry.label) != entry.label:
                 suspects.add(key)
 
@@ -74,17 +73,12 @@ def _find_equal_planners(entries: Sequence[Entry]) -> Iterator[str]:
     for entry in entries:
         commands = entry.source.commands
         trial_ids = column(entry.results, "trial_id")
-        for trial_id, key in zip(trial_ids, _drives(entry.results), strict=True):
+        keys = row_keys(entry.results, _DRIVE_PATHS)
+        for trial_id, key in zip(trial_ids, keys, strict=True):
             if key in suspects and trial_id in commands:
                 trials.append((key, entry.label, commands[trial_id]))
     for pair, count in count_equal_commands(trials).items():
         yield f"{' and '.join(pair)} have equal commands in {count} trials."
-
-
-def _drives(rows: Rows) -> Iterator[tuple[Any, ...]]:
-    """Return an iterator over (world's checksum, simulator seed, duration [s]) of rows."""
-    columns = [column(rows, path).tolist() for path in _DRIVE_PATHS]
-    return zip(*columns, strict=True)
 
 
 def notes_on(source: Source, results: Rows) -> list[str]:

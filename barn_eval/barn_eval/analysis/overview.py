@@ -146,7 +146,7 @@ def analyze(
 
 
 def conclude_bands(entries: Sequence[Entry], bands: Sequence[Band]) -> dict[str, str]:
-    """Return by band name a sentence on which planner leads; {} for one planner.
+    """Return by band a sentence on who leads, by Holm over all bands; {} for one planner.
 
     The tests of all bands share one correction (Holm).
 
@@ -185,7 +185,7 @@ def conclude_bands(entries: Sequence[Entry], bands: Sequence[Band]) -> dict[str,
 
 
 def explain_differences(comparisons: Sequence[Comparison]) -> list[str]:
-    """Return sentences on the measures in which each compared pair differs, or does not.
+    """Return sentences on measures in which each pair differs or not, and on parameters.
 
     Many pairs without a significant difference share one sentence. Sentences on
     differing parameters follow, unless there are many pairs.
@@ -266,7 +266,7 @@ def make_tables(
 
 
 def _compare_entries(a: Entry, b: Entry, keys: Sequence[str]) -> Comparison | Refusal:
-    """Return two entries' comparison, not adjusted by Holm, or why there is none."""
+    """Return two entries' comparison and parameters, before Holm, or why there is none."""
     try:
         comparison = compare(a.results, b.results, a.label, b.label, keys)
         parameters = describe_parameter_changes(

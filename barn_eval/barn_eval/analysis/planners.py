@@ -22,7 +22,7 @@ def spelling(planner: str) -> str:
 
 
 def assign_colors(planners: Sequence[str]) -> list[str]:
-    """Return a palette color for each planner name, in the order of the names.
+    """Return a color per planner: the suite's have fixed ones, others take free ones.
 
     The suite's planners always have the same colors. Other planners, and repeated ones,
     take the remaining colors in order, alternating light and dark. After seven planners,

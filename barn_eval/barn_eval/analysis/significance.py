@@ -146,7 +146,7 @@ class Share:
         return float(low), float(high)
 
     def p_above(self, share: float) -> float:
-        """Return the two-sided p-value of a larger share, `share`, as the true one."""
+        """Return the two-sided p-value if the true share were `share`, a larger one."""
         if share >= 1.0:
             return 0.0
         successes = self.share * self.effective
@@ -213,7 +213,8 @@ def effective_trials(
     """Return (share, effective number of independent trials, number of worlds).
 
     The effective number is p (1 - p) / v, at most n, where v is the variance of the
-    share, estimated from the worlds' shares.
+    share, estimated from the worlds' shares. If all worlds have the same share, it is
+    the number of worlds.
 
     Args:
         values: One value from 0 to 1 per trial (n,).
@@ -316,7 +317,7 @@ def p_text(p: float) -> str:
 
 @lru_cache(maxsize=4)
 def sign_patterns(worlds: int, flips: int) -> Floats:
-    """Return cached patterns (m, worlds) of +1 and -1; the first, the data, is all +1.
+    """Return cached sign patterns (m, worlds), all up to 13 worlds; the first is all +1.
 
     The patterns are cached, because all measures of a comparison have the same worlds.
 
@@ -336,7 +337,7 @@ def sign_patterns(worlds: int, flips: int) -> Floats:
 def half_width(
     parts: Components, worlds: int, repetitions: int, level: float = LEVEL
 ) -> float:
-    """Return half the width of a mean's interval; infinite for fewer than two worlds.
+    """Return half the width of an interval, wider for unseen failures; inf below 2 worlds.
 
     The width follows from the variance or, if that is wider, from failures that may
     still occur.

@@ -91,7 +91,7 @@ class Source:
 
     @cached_property
     def commanded_mps(self) -> Mapping[str, float]:
-        """Fastest command of each planner that declares no speed cap, in m/s."""
+        """Fastest command [m/s] of each planner that declares no speed cap; {} if observed."""
         return _fastest_commands(self)
 
     def describe_commanded(self, planner: str) -> str:
@@ -117,7 +117,7 @@ class Source:
         return RowTable.of(self._capped_results())
 
     def _capped_results(self) -> Iterator[TrialResult]:
-        """Yield all trials, with speed caps from `commanded_mps` if they have one there."""
+        """Yield all trials, with cap, bound and efficiency by `commanded_mps` if it has one."""
         period_s = self.run_config.protocol.longest_look_s
         for result in self.results:
             cap_mps = self.commanded_mps.get(result.planner)
@@ -147,7 +147,7 @@ class Source:
 
 
 def read_source(path: Path, rows: Rows | None = None) -> Source:
-    """Read a table, or a folder's run.json and scored rows; ConfigError without a run.
+    """Read a table, or a folder's run.json and scored rows, sorted; ConfigError if no run.
 
     Args:
         path: The folder, or a table file.
@@ -212,7 +212,7 @@ def cap_result(result: TrialResult, cap_mps: float, period_s: float) -> TrialRes
 
 
 def _fastest_commands(source: Source) -> dict[str, float]:
-    """Return the fastest command [m/s] of planners without a cap; {} if observed.
+    """Return the fastest command or motion [m/s] of planners without a cap; {} if observed.
 
     Planners without kept commands, or with only zero commands, are left out.
     """

@@ -62,12 +62,11 @@ class TrialValues:
         return len(self.failures) > 0
 
     def mean(self) -> Interval:
-        """Return the finite values' mean; limits are clipped, None below two worlds."""
-        finite = np.flatnonzero(np.isfinite(self.values))
-        # Rounding depends on the order of a sum, and workers finish trials in any
-        # order.
-        order = np.lexsort((self.values[finite], self.worlds[finite]))
-        trials = self.at(finite[order])
+        """Return the finite values' mean; its limits allow for failures that may occur.
+
+        Limits are clipped to possible values, and None below two worlds.
+        """
+        trials = self.at(_order_of_finite(self.values, self.worlds))
         interval = mean_interval(trials.values, trials.worlds)
         if trials.counts_failures:
             # No bootstrap or t interval allows for an event that did not occur, so the
@@ -92,7 +91,7 @@ class TrialValues:
         return replace(interval, low=low, high=high)
 
     def parts(self) -> Components:
-        """Return variances between and within worlds, 0 within at one trial in each."""
+        """Return variances between and within worlds, and the cost of unseen failures."""
         components = significance.variance_components(self.values, self.worlds)
         return replace(components, unseen=self.unseen)
 
@@ -149,11 +148,9 @@ def mean_interval(values: Floats, worlds: Integers) -> Interval:
         values: One value per trial (n,); NaN does not count.
         worlds: Number of each trial's world (n,).
     """
-    finite = np.isfinite(values)
-    # Sums must not depend on the order of the trials.
-    order = np.lexsort((values[finite], worlds[finite]))
-    values = values[finite][order]
-    worlds = worlds[finite][order]
+    order = _order_of_finite(values, worlds)
+    values = values[order]
+    worlds = worlds[order]
     _, world = np.unique(worlds, return_inverse=True)
     sums = np.bincount(world, values).astype(np.float64)
     counts = np.bincount(world).astype(np.float64)
@@ -170,7 +167,7 @@ def mean_interval(values: Floats, worlds: Integers) -> Interval:
 
 
 def _limit_distances(residuals: Floats) -> tuple[float, float]:
-    """Return the distances (below, above) of the 95 % limits from an estimate.
+    """Return how far the 95 % limits lie (below, above) an estimate, by its skewness.
 
     Args:
         residuals: Contribution of each world to the error of the estimate (m,), m > 1.
@@ -276,7 +273,10 @@ def matched_trials(planners: Sequence[TrialValues]) -> list[TrialValues]:
 
 
 def _trial_keys(planners: Sequence[TrialValues]) -> list[Integers]:
-    """Return for each planner a number per trial, ordered by world and repetition."""
+    """Return for each planner a number per trial, equal for equal (world, repetition).
+
+    The numbers are ordered by world and then by repetition.
+    """
     ranks = []
     for name in ("worlds", "repetitions"):
         numbers = np.concatenate([getattr(trials, name) for trials in planners])
@@ -397,14 +397,15 @@ def rank_correlation(
 
 
 def _values_by_world(values: Floats, worlds: Integers) -> dict[int, Floats]:
-    """Return the finite values by world number, each array ascending.
-
-    Sorted values have the same sum, whatever the order of the trials.
-    """
-    finite = np.isfinite(values)
-    order = np.lexsort((values[finite], worlds[finite]))
-    values = values[finite][order]
-    worlds = worlds[finite][order]
-    numbers, starts = np.unique(worlds, return_index=True)
-    groups = np.split(values, starts[1:])
+    """Return the finite values by world number, each array ascending."""
+    order = _order_of_finite(values, worlds)
+    numbers, starts = np.unique(worlds[order], return_index=True)
+    groups = np.split(values[order], starts[1:])
     return dict(zip(numbers.tolist(), groups, strict=False))
+
+
+def _order_of_finite(values: Floats, worlds: Integers) -> Integers:
+    """Return the indices (m,) of the finite values, by world and then by value."""
+    finite = np.flatnonzero(np.isfinite(values))
+    # Rounding depends on the order of a sum, and workers finish trials in any order.
+    return finite[np.lexsort((values[finite], worlds[finite]))]

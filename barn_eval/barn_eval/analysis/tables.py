@@ -60,9 +60,10 @@ def trials_table(results: Rows, title: str) -> TextTable:
 
 
 def ranked_table(run: RunSummary) -> TextTable:
-    """Return a text table of rank, success, time and score, a planner per row.
+    """Return a text table of rank and four main figures, a planner per row, best first.
 
-    Planners that no test separates share a rank. Beyond `MAX_RANKED` planners, only the
+    The figures are success, time, the ranking measure and clearance; intervals begin at
+    six worlds. Planners that no test separates share a rank. Beyond `MAX_RANKED` planners, only the
     best are listed and the others are counted.
 
     Args:
@@ -113,9 +114,9 @@ def ranked_table(run: RunSummary) -> TextTable:
 
 
 def describe_failures(results: Rows) -> str:
-    """Return a line with each planner's failures by outcome, or "" if there are none.
+    """Return lines: failures by planner and outcome, then examples; "" without failures.
 
-    Further lines give an example of each outcome that needs an explanation.
+    Timeouts and collisions need no example.
 
     Args:
         results: Results of any planners.

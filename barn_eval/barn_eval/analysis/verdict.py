@@ -59,9 +59,10 @@ class Ranking:
     """By places (i, j), of which i is better: the value of i minus that of j."""
 
     p: Mapping[tuple[int, int], float]
-    """The p-value of each difference, adjusted by Holm for all `tests` pairs."""
+    """The p-value of each difference, adjusted by Holm for `pair_count` pairs."""
 
-    tests: int
+    pair_count: int
+    """Number of pairs that are tested together."""
 
     failures: tuple[Interval | None, ...]
     """Share of failures of each planner, None if failures have no value."""
@@ -131,11 +132,12 @@ def rank_results(
             ) from None
 
     values = {name: trial_values(rows, measure) for name, rows in results.items()}
-    tests = {
+    pair_tests = {
         (comparison.a, comparison.b): comparison.row(measure.key).paired.test()
         for comparison in comparisons
     }
-    ranking = rank(values, larger_is_better=measure.better == "larger", tests=tests)
+    larger_is_better = measure.better == "larger"
+    ranking = rank(values, larger_is_better=larger_is_better, pair_tests=pair_tests)
     first = next(iter(results.values()))
     return replace(ranking, available=count_available_worlds(first))
 
@@ -145,16 +147,16 @@ def rank(
     *,
     larger_is_better: bool,
     flips: int = FLIPS,
-    tests: PairTests | None = None,
+    pair_tests: PairTests | None = None,
 ) -> Ranking:
-    """Rank planners by mean over the trials that all have, with a test of each pair.
+    """Rank planners by mean over the trials that all have; test each pair, after Holm.
 
     Args:
         planners: Trials by planner, of at least one.
         larger_is_better: Whether larger values of the measure are better.
         flips: Number of patterns, raised if many pairs need more.
-        tests: Tests of some pairs, which are reused if they are over the same trials and
-            with as many patterns.
+        pair_tests: Tests of some pairs, which are reused if they are over the same
+            trials and with as many patterns.
     """
     matched = matched_trials(list(planners.values()))
     trials = dict(zip(planners, matched, strict=True))
@@ -167,13 +169,13 @@ def rank(
     # No p-value is below 1 / (flips + 1), and Holm multiplies it by the pairs.
     enough_flips = max(flips, _FLIPS_PER_PAIR * len(pairs))
     # A test with fewer patterns could not be significant after Holm.
-    if tests is None or enough_flips > flips:
-        tests = {}
+    if pair_tests is None or enough_flips > flips:
+        pair_tests = {}
     differences = {}
     for i, j in pairs:
         better = trials[names[i]]
         worse = trials[names[j]]
-        test = _find_test(tests, names[i], names[j])
+        test = _find_test(pair_tests, names[i], names[j])
         # Trials that all planners share are among those that two share, so equal numbers
         # mean equal trials.
         if test is None or test.trials != len(better.values):
@@ -189,17 +191,17 @@ def rank(
         trials=len(worlds),
         differences=differences,
         p=dict(zip(pairs, p_values, strict=True)),
-        tests=len(pairs),
+        pair_count=len(pairs),
         failures=tuple(trials[name].failure_share() for name in names),
     )
 
 
-def _find_test(tests: PairTests, a: str, b: str) -> Difference | None:
+def _find_test(pair_tests: PairTests, a: str, b: str) -> Difference | None:
     """Return the test of A minus B, negated if stored as B minus A; None if missing."""
-    if (a, b) in tests:
-        return tests[a, b]
-    if (b, a) in tests:
-        return tests[b, a].negate()
+    if (a, b) in pair_tests:
+        return pair_tests[a, b]
+    if (b, a) in pair_tests:
+        return pair_tests[b, a].negate()
     return None
 
 
@@ -239,33 +241,33 @@ def conclude_ranking(ranking: Ranking, measure: Measure) -> Conclusion:
             f"{names[0]} is the only planner: {best}.", f"Over {worlds}, {trials}."
         )
 
-    leaders = ranking.leaders
-    # The best rival that is level with the first or, without one, the best other one.
-    next_place = leaders[1] if len(leaders) > 1 else 1
+    _, *level_places = ranking.leaders
+    # The best planner that is level with the first or, without one, the second best.
+    next_place = level_places[0] if level_places else 1
     next_name = names[next_place]
     next_mean = ranking.means[next_place]
     test = ranking.differences[0, next_place]
     means = f"{best} against {_value_text(measure, next_mean)} of {next_name}"
-    if len(leaders) == 1:
-        p = p_text(max(ranking.p[0, place] for place in range(1, len(names))))
-        rivals = next_name if len(names) == 2 else "all others"
-        short = f"{names[0]} is better than {rivals} ({p}, {worlds}): {means}."
-    else:
-        p = p_text(min(ranking.p[0, place] for place in leaders[1:]))
-        if len(leaders) > 2:
-            p = f"smallest {p}"
-        short = _describe_lead(ranking, measure, f"{p}, {worlds}")
-
     size = _difference_text(measure, test.interval, next_name, next_mean)
-    after_holm = ", p after Holm" if ranking.tests > 1 else ""
+    after_holm = ", p after Holm" if ranking.pair_count > 1 else ""
     pairs = count_noun(ranking.trials, "pair")
     details = f"The difference is {size} ({pairs} of trials{after_holm})."
-    if len(leaders) > 1:
-        details = f"{means[0].upper()}{means[1:]}. {details}"
     details += _possible_failures(ranking, (0, next_place))
-    if len(leaders) > 1:
-        details += _needed_worlds(test, ranking)
-    return Conclusion(short, details)
+    if not level_places:
+        largest_p = max(ranking.p[0, place] for place in range(1, len(names)))
+        others = next_name if len(names) == 2 else "all others"
+        short = (
+            f"{names[0]} is better than {others} ({p_text(largest_p)}, {worlds}):"
+            f" {means}."
+        )
+        return Conclusion(short, details)
+
+    smallest_p = p_text(min(ranking.p[0, place] for place in level_places))
+    if len(level_places) > 1:
+        smallest_p = f"smallest {smallest_p}"
+    short = _describe_lead(ranking, measure, f"{smallest_p}, {worlds}")
+    details = f"{means[0].upper()}{means[1:]}. {details}"
+    return Conclusion(short, details + _needed_worlds(test, ranking))
 
 
 def _describe_lead(ranking: Ranking, measure: Measure, certainty: str) -> str:
@@ -338,7 +340,7 @@ def conclude_comparison(comparison: Comparison) -> Conclusion:
         trials=paired.trials,
         differences={(0, 1): test},
         p={(0, 1): row.p_holm},
-        tests=comparison.pairs,
+        pair_count=comparison.pairs,
         failures=tuple(failures),
         available=comparison.available,
     )
@@ -380,19 +382,19 @@ def _possible_failures(ranking: Ranking, places: Iterable[int]) -> str:
 
 
 def _needed_worlds(test: Difference, ranking: Ranking) -> str:
-    """Return a sentence on how many worlds would make a difference significant."""
+    """Return a sentence on how many worlds a significant difference takes, or why none."""
     size = abs(test.interval.estimate)
     repetitions = max(1, round(test.trials / test.worlds))
     if size == 0.0:
         return " The means are equal; more worlds would only narrow the interval."
 
     # If every world favors the same planner, the test gives p = 2 / 2^worlds.
-    fewest = math.ceil(1.0 + math.log2(ranking.tests / ALPHA))
+    fewest = math.ceil(1.0 + math.log2(ranking.pair_count / ALPHA))
     if test.worlds < fewest:
         return f" With fewer than {fewest} worlds, no difference can be significant."
 
     # Bonferroni's level, that of Holm's hardest step, is on the safe side.
-    level = 1.0 - ALPHA / ranking.tests
+    level = 1.0 - ALPHA / ranking.pair_count
     worlds = worlds_for_difference(test.parts, size, repetitions, level)
     if worlds is None:
         return " Even a million worlds would not show so small a difference."
@@ -413,7 +415,7 @@ def _needed_worlds(test: Difference, ranking: Ranking) -> str:
 def _difference_text(
     measure: Measure, interval: Interval, other: str, mean: float
 ) -> str:
-    """Return the size of a difference as text, with interval and percentage of a mean."""
+    """Return a difference as text, without sign, with interval and percentage of `mean`."""
     size = interval if interval.estimate >= 0.0 else interval.negate()
     # A difference of shares is in percentage points.
     unit = " percentage points" if measure.percent else measure.after

@@ -131,7 +131,7 @@ def report(
     width_mm: float | None = None,
     progress: Progress = lambda _: None,
 ) -> Page:
-    """Write a report of results folders as one HTML page, and return the page.
+    """Write a report of folders as one page, with any assets and replays; return the page.
 
     With more than 2000 trials, their data go to a folder OUT_data beside the page.
 

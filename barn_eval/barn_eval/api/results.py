@@ -159,7 +159,7 @@ class Results:
         )
 
     def trial(self, trial: str | int) -> Trial:
-        """Return a trial by its name or its index in `trials`.
+        """Return a trial by its name or its index in `trials`; ConfigError if unknown.
 
         Args:
             trial: Its name, such as "dwa_w0120_r00", or its index in `trials`, from 0.
@@ -194,7 +194,7 @@ class Results:
         return comparisons_frame(comparisons)
 
     def verdict(self) -> str:
-        """Return sentences that say which planner is better by the ranking measure.
+        """Return sentences on which planner is better, how sure that is, and cautions.
 
         They say by how much and how sure that is or, if the difference is not
         significant, about how many worlds would decide, and add cautions.

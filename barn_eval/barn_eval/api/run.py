@@ -132,9 +132,9 @@ def sweep(
             of `RunKeywords`.
 
     Returns:
-        A row per combination: rank, `level_with_best` (not clearly worse than the
-        best), a column per parameter, the ranking measure and other figures with their
-        95 % intervals, and its folder.
+        A row per combination: `level_with_best` (not clearly worse than the best),
+        planner, a column per parameter, the columns of `Results.summary`, and its
+        folder. For latency, rows are in the order of planners and delays.
 
     Raises:
         BarnError: If an option or a value is not allowed; one line says which.

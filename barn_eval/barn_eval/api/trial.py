@@ -49,7 +49,7 @@ class Trial:
         return pd.DataFrame(columns | {"contact": contact})
 
     def to_tum(self, path: str | Path) -> Path:
-        """Write the trajectory as TUM text (for evo) and return the path, or raise.
+        """Write the trajectory as TUM text (for evo), return its path; ConfigError if empty.
 
         Args:
             path: File to write: a line per pose of timestamp [s], x y z [m] and the

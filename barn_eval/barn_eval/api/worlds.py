@@ -134,7 +134,7 @@ def generate(
     keep: int = 0,
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[int, World]:
-    """Generate static worlds and return them by number, widest first; write any `out`.
+    """Generate static worlds, numbered widest first; return them, and write any `out`.
 
     For instance, generate worlds of your own and run a planner in them:
 
@@ -316,12 +316,13 @@ def save(
 def _write_original_layout(path: Path, worlds: Mapping[int, World]) -> None:
     """Write worlds and metrics in the original layout; WorldError if it lacks a part.
 
-    Walls, moving obstacles and arenas are what it lacks.
+    It lacks walls, moving obstacles, arenas and surveyed positions.
     """
     for world in worlds.values():
         if _has_metric_content(world):
             raise WorldError(
-                f"{world.name}: the original layout cannot hold walls or moving obstacles"
+                f"{world.name}: the original layout cannot hold walls, moving"
+                " obstacles, arenas or surveyed positions"
             )
     # The original data set has metrics by the published formula.
     published_metrics = {
@@ -355,7 +356,7 @@ def _require_new(path: Path) -> None:
 
 
 def resize(worlds: Mapping[int, World], robot: str | Path) -> dict[int, World]:
-    """Return copies of worlds in a robot's cells; WorldError for walls, movers, arenas.
+    """Return copies of worlds in a robot's cells; WorldError if parts are in meters.
 
     Paths stay if the robot takes as many cells as before. Otherwise they are planned
     again.
@@ -365,8 +366,8 @@ def resize(worlds: Mapping[int, World], robot: str | Path) -> dict[int, World]:
         robot: Name or YAML file of the robot.
 
     Raises:
-        BarnError: If a world is an arena or has walls or moving obstacles, which are in
-            meters, or if it has no path for the robot.
+        BarnError: If a world is an arena or has walls, moving obstacles or surveyed
+            positions, which are in meters, or if it has no path for the robot.
     """
     target_robot = load_robot(robot)
     resolution_m = cell_size_m(target_robot)
@@ -374,8 +375,8 @@ def resize(worlds: Mapping[int, World], robot: str | Path) -> dict[int, World]:
     for number, world in worlds.items():
         if _has_metric_content(world):
             raise WorldError(
-                f"{world.name}: walls, moving obstacles and arenas are in meters and"
-                " cannot be resized"
+                f"{world.name}: walls, moving obstacles, arenas and surveyed positions"
+                " are in meters and cannot be resized"
             )
         scaled = replace(world, resolution_m=resolution_m)
         resized[number] = _with_footprint(scaled, target_robot)
@@ -397,7 +398,7 @@ def _with_footprint(world: World, robot: Robot) -> World:
 
 
 def _has_metric_content(world: World) -> bool:
-    """Tell whether a world has walls, moving obstacles or a corner, given in meters."""
+    """Tell whether a world has walls, movers, corner or surveyed positions in meters."""
     in_cells = world.corner_m is None and world.built_m is None
     return bool(world.moving or world.walls or not in_cells)
 

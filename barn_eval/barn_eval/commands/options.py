@@ -208,9 +208,10 @@ help_keys_option = flag_option(
 def _parse_run_options(
     _: click.Context, __: click.Parameter, texts: tuple[str, ...]
 ) -> dict[str, Any]:
-    """Return --run texts as options of a run, values as YAML; ConfigError if at odds.
+    """Return --run KEY=VALUE texts as options of a run, with values read as YAML.
 
-    "ros.KEY" and "simulator.KEY" become mappings.
+    "ros.KEY" and "simulator.KEY" become mappings; ConfigError if such a mapping is
+    given as well.
     """
     options: dict[str, Any] = {}
     parameters = parse_parameters(texts, "--run")

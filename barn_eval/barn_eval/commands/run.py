@@ -367,7 +367,7 @@ def print_results(
 
 
 def conclude(summary: RunSummary, *, show_all: bool) -> str:
-    """Return what a run shows about its planners: "" for one, a note for few worlds.
+    """Return a run's conclusion: "" for one planner, a note below six worlds.
 
     Args:
         summary: The run.

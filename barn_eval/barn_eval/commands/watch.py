@@ -75,7 +75,7 @@ def command(folder: Path, port: int, host: str, live: int | None, wait: bool) ->
 
 @contextmanager
 def serve_view(folder: Path, bags: str) -> Iterator[None]:
-    """Serve page and live view from a child in a context; ConfigError without bags.
+    """Serve page and live view from a child process in a context; ConfigError if no bags.
 
     Args:
         folder: Folder of the run, which need not exist yet.

@@ -116,7 +116,7 @@ def look_numbers(colors: Sequence[str]) -> list[int]:
 
 
 def add_tips(artist: Artist, tips: Sequence[Tip]) -> None:
-    """Give a page texts to show beside the pointer for what an artist draws.
+    """Store in an artist's gid, as JSON, texts that a page shows beside the pointer.
 
     Args:
         artist: What is drawn.

@@ -39,7 +39,7 @@ def paper_table(
     caption: str = "",
     label: str = "tab:planners",
 ) -> str:
-    """Return LaTeX comparing planners on common trials; ConfigError if tasks differ.
+    """Return a LaTeX table over common trials, the best bold; ConfigError if tasks differ.
 
     The best planner by each measure is bold, and so are those that are not
     significantly worse, as rankings judge it; none is where no planner is.

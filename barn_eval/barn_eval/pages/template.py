@@ -27,9 +27,9 @@ _UNSAFE_IN_SCRIPTS = {
 
 
 def render(template: str, **content: object) -> str:
-    """Return the text of a page made from one of the package's Jinja templates.
+    """Return the text of one of the package's templates, escaped if HTML, with `content`.
 
-    In HTML everything is escaped that is not the package's own markup.
+    A name that the template uses and `content` lacks raises an error.
 
     Args:
         template: File name of the template.
@@ -55,10 +55,7 @@ def write_page(path: Path, page: str | bytes) -> None:
 
 
 def script_json(content: object) -> Markup:
-    """Return a value as JSON that is safe inside an HTML script element.
-
-    Numbers that JSON does not have become null.
-    """
+    """Return a value as JSON that is safe in an HTML script; NaN and infinity are null."""
     options: Any = {"ensure_ascii": False, "allow_nan": False, "separators": (",", ":")}
     try:
         text = json.dumps(content, **options)

@@ -66,9 +66,10 @@ def commands_line(finished: FinishedTrial) -> str | None:
 
 
 def _are_exact(finished: FinishedTrial) -> bool:
-    """Tell whether each scan has exactly one command, in time, and no other reading any.
+    """Tell whether each reading that starts a cycle has one command, and no other any.
 
-    This always holds in mode direct. Over ROS, commands may be late, or several to a scan.
+    This always holds in mode direct, and never with compute in real time. Over ROS,
+    commands may be late, or several to a scan.
     """
     row = finished.result
     if row.mode == "direct":
@@ -138,7 +139,7 @@ def count_equal_commands(
 
 
 def requires_commands(row: TrialResult, spec: TrialSpec) -> bool:
-    """Tell from a trial's row whether commands.jsonl must have its commands.
+    """Tell whether a trial must have kept commands: direct, driven and not too long.
 
     Args:
         row: The trial's row.

@@ -454,7 +454,12 @@ def _remove_results(path: Path, *, logs: bool) -> None:
     for name in (RUN_FILE, *lines, *TABLE_FILES, WORLDS, WORLDS_MANIFEST):
         (path / name).unlink(missing_ok=True)
 
-    for name in (BAGS, TRACEBACKS, *((LOSSES,) if logs else ())):
+    folders = [BAGS, TRACEBACKS]
+    trees = [REPLAYS]
+    if logs:
+        folders.append(LOSSES)
+        trees.append(LOGS)
+    for name in folders:
         # Only files with names of trials, because users may keep other files here.
         for entry in (path / name).glob("*_w[0-9]*_r[0-9]*"):
             # The target of a link does not belong to this run.
@@ -466,6 +471,6 @@ def _remove_results(path: Path, *, logs: bool) -> None:
         with suppress(OSError):
             (path / name).rmdir()
 
-    for name in (LOGS, REPLAYS) if logs else (REPLAYS,):
+    for name in trees:
         if (path / name).is_dir():
             shutil.rmtree(path / name)

@@ -188,6 +188,11 @@ def column(rows: Rows, path: str) -> Any:
     return np.array(values)
 
 
+def row_keys(rows: Rows, paths: Iterable[str]) -> Iterator[tuple[Any, ...]]:
+    """Return an iterator over each row's values of these dotted fields, as a tuple."""
+    return zip(*(column(rows, path).tolist() for path in paths), strict=True)
+
+
 def take(rows: Rows, positions: Integers | Bools) -> Rows:
     """Return the rows at these indices, or where a mask is true, in that order."""
     if isinstance(rows, RowTable):
@@ -216,7 +221,7 @@ def systems(rows: Rows) -> list[str]:
 
 
 def parse_rows(lines: Sequence[str]) -> RowTable | None:
-    """Return the rows in lines without checksums, or None if a line needs a closer look.
+    """Return the rows in lines without checksums, or None if one is unusual or invalid.
 
     The caller must then parse line by line, because a line may have the oldest schema or
     must be refused.

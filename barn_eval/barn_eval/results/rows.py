@@ -216,10 +216,10 @@ class TrialLines(Mapping[str, str]):
         return os.pread(self._descriptor, size, start)
 
     def arrange(self, trial_ids: Iterable[str]) -> None:
-        """Rewrite the file with the last line of each of `trial_ids` that has one.
+        """Rewrite the file with one line per trial in this order, unless it is so already.
 
-        The file then no longer shows in which order trials ended. Do not use this object
-        afterwards.
+        The last line of a trial counts; trials without one are skipped. The file then no
+        longer shows in which order trials ended. Do not use this object afterwards.
         """
         names = [name for name in trial_ids if name in self._spans]
         if self._line_count > len(names) or names != list(self._spans):

@@ -163,37 +163,14 @@ def read_side(
     Raises:
         ConfigError: If the text is not a side, or names several planners.
     """
-    path = Path(text)
-    is_yaml = path.suffix in (".yaml", ".yml")
-    # A copy, because both sides start from the same options.
-    run_options = dict[str, Any](options)
-    run_file: Path | None = None
-    # Content of a workspace, which the command alone does not determine.
-    workspace_hashes: dict[str, str] = {}
     planner_name = ""
     if command:
         planner_name, command = parse_planner_command(command)
-
-    name, *parameters = text.split(",")
-    if path.is_dir() or (path.is_file() and path.suffix in (".bash", ".sh")):
-        setup = _find_setup(path, command)
-        workspace_hashes = {str(setup.parent): hash_folder(setup.parent)}
-        run_options["planner_command"] = _in_workspace(setup, command)
-    elif is_yaml and command:
-        run_options["planner_command"] = _with_parameter_file(command, path)
-    elif name.partition(":")[0] in planner_names():
-        run_options["planners"] = name
-        run_options["settings"] = parse_parameters(parameters, format_value(text))
-    elif is_yaml:
-        run_file = path
-    elif which(split_command(text)[0]) is not None:
-        run_options["planner_command"] = text
-    else:
-        raise ConfigError(
-            f"{format_value(text)}: is not a workspace, file, planner of the suite or"
-            " command"
-        )
-
+    path = Path(text)
+    side_options = _side_options(text, command)
+    run_options: dict[str, Any] = {**options, **side_options}
+    # Only a file for `barn run` gives no options.
+    run_file = None if side_options else path
     side_command = run_options.get("planner_command")
     if side_command:
         planner_name = planner_name or parse_planner_command(base)[0]
@@ -206,8 +183,11 @@ def read_side(
     if others:
         count = 1 + len(others)
         raise ConfigError(f"{format_value(text)}: must name one planner, got {count}")
-    if workspace_hashes:
-        files = workspace_hashes | hash_command_files(split_command(command))
+    if _is_workspace(path):
+        # The command alone does not determine the content of a workspace.
+        folder = _find_setup(path, command).parent
+        files = hash_command_files(split_command(command))
+        files = {str(folder): hash_folder(folder)} | files
         planners = (replace(planner, files=files),)
         request = replace(request, config=replace(request.config, planners=planners))
     # The folder's name, PLANNER_HASH, changes with anything that may matter: the
@@ -217,8 +197,39 @@ def read_side(
         "experiment": as_dict(request.config),
         "code": _hash_code(planner) if planner.registered else {},
     }
-    folder = f"{planner.name}_{identity.fingerprint(content)}"
-    return replace(request, out=request.out / folder)
+    name = f"{planner.name}_{identity.fingerprint(content)}"
+    return replace(request, out=request.out / name)
+
+
+def _side_options(text: str, command: str) -> dict[str, Any]:
+    """Return a side's own options of a run, {} for a YAML file; ConfigError if no side.
+
+    Args:
+        text: The side, as `ab` takes it.
+        command: Starts the planner of a workspace or parameter file; may be empty.
+    """
+    path = Path(text)
+    is_yaml = path.suffix in (".yaml", ".yml")
+    name, *parameters = text.split(",")
+    if _is_workspace(path):
+        return {"planner_command": _in_workspace(_find_setup(path, command), command)}
+    if is_yaml and command:
+        return {"planner_command": _with_parameter_file(command, path)}
+    if name.partition(":")[0] in planner_names():
+        settings = parse_parameters(parameters, format_value(text))
+        return {"planners": name, "settings": settings}
+    if is_yaml:
+        return {}
+    if which(split_command(text)[0]) is not None:
+        return {"planner_command": text}
+    raise ConfigError(
+        f"{format_value(text)}: is not a workspace, file, planner of the suite or command"
+    )
+
+
+def _is_workspace(path: Path) -> bool:
+    """Tell whether a path is a folder or a setup file."""
+    return path.is_dir() or (path.is_file() and path.suffix in (".bash", ".sh"))
 
 
 def _find_setup(path: Path, command: str) -> Path:

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from scipy.special import stdtrit
 
 from barn_eval.analysis.conventions import CONVENTIONS
 from barn_eval.analysis.planners import assign_colors, spelling
+from barn_eval.analysis.significance import t_quantile
 from barn_eval.analysis.sources import (
     Source,
     group_by_planner,
@@ -243,14 +243,11 @@ def _noise_share(line: Line, worlds: Sequence[WorldDifficulty]) -> float | None:
 
 def _student_quantile(points: int) -> float:
     """Return the 97.5 % quantile of Student's t for a line through that many points."""
-    return float(stdtrit(points - 2, 0.5 + 0.5 * LEVEL))
+    return t_quantile(0.5 + 0.5 * LEVEL, points - 2)
 
 
 def _rows_by_world(sources: Iterable[Source]) -> _RowsByWorld:
-    """Return planners' rows that have a time per meter, by checksum of their world.
-
-    Rows of teleoperated reference drives are left out as well.
-    """
+    """Return rows with a time per meter by world checksum, without reference drives."""
     groups: _RowsByWorld = {}
     for source in sources:
         for row in source.results:

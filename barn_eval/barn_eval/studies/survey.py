@@ -6,6 +6,7 @@ only gives the initial poses. Scans alone do not show where the course as a whol
 the true poses of the bag or, without them, the plan fix it.
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -155,7 +156,7 @@ def survey_course(
 
 
 def _select_scans(trial: RecordedTrial) -> tuple[Floats, list[int]]:
-    """Return (returns (n, 3) of well separated scans, index of each scan's pose).
+    """Return (returns (n, 3) of separated scans, index of each pose); BagError if none.
 
     A return is the number of its scan, its angle in the lidar's frame [rad] and its
     range [m]. Raises BagError if there are no scans.
@@ -185,7 +186,7 @@ def _select_scans(trial: RecordedTrial) -> tuple[Floats, list[int]]:
 def _match(
     returns: Floats, poses: Floats, centers_m: Points, world: World, gate_m: float
 ) -> tuple[Floats, float]:
-    """Return (returns that belong to exactly one cylinder (n, 7), share of returns near).
+    """Return (returns that belong to one cylinder (n, 7), share near any cylinder).
 
     The columns are scan, cylinder, distance from the surface, normal x and y, how much a
     turn of the lidar moves the return off the surface, and the cosine of the angle
@@ -215,17 +216,24 @@ def _match(
 
 
 def _normal_equations(
-    matches: Floats, poses: int, centers: int, noise_m: float
+    matches: Floats, pose_count: int, center_count: int, noise_m: float
 ) -> tuple[Floats, Floats]:
-    """Return information (k, k) and gradient (k,); `poses` unknowns precede `centers`."""
+    """Return information (k, k) and gradient (k,) of all unknowns, first those of poses.
+
+    Args:
+        matches: What `_match` returns.
+        pose_count: Number of unknowns of poses, three each.
+        center_count: Number of unknowns of cylinders, two each.
+        noise_m: Standard deviation of a range.
+    """
     _, _, errors_m, x, y, levers_m, slants = matches.T
     scans, cylinders = matches[:, :2].astype(int).T
     pose = 3 * scans
-    center = poses + 2 * cylinders
+    center = pose_count + 2 * cylinders
     columns = np.concatenate([pose, pose + 1, pose + 2, center, center + 1])
     values = np.concatenate([x, y, levers_m, -x, -y])
     rows = np.tile(np.arange(len(matches)), 5)
-    shape = (len(matches), poses + centers)
+    shape = (len(matches), pose_count + center_count)
     jacobian = csr_matrix((values, (rows, columns)), shape=shape)
     # Noise is along the ray. Outliers count less (Cauchy's weights).
     deviations_m = noise_m * slants
@@ -233,7 +241,7 @@ def _normal_equations(
     weighted = jacobian.multiply(weights[:, None]).tocsr()
     information = (jacobian.T @ weighted).toarray()
     # A pose without matched returns stays where it is.
-    information[range(poses), range(poses)] += 1e-3
+    information[range(pose_count), range(pose_count)] += 1e-3
     return information, weighted.T @ errors_m
 
 
@@ -241,10 +249,11 @@ def _fit(points_m: Points, targets_m: Points) -> Pose2D:
     """Return the rigid motion that best fits points (n, 2) to targets (n, 2)."""
     center_m = points_m.mean(axis=0)
     target_m = targets_m.mean(axis=0)
-    # As complex numbers, each target over its point has the angle of the turn.
-    offsets_m = (points_m - center_m) @ (1.0, 1.0j)
-    turned_m = (targets_m - target_m) @ (1.0, 1.0j)
-    turn = Pose2D(0.0, 0.0, float(np.angle(np.vdot(offsets_m, turned_m))))
+    x, y = (points_m - center_m).T
+    target_x, target_y = (targets_m - target_m).T
+    # Sums of dot and cross products are the cosine and the sine of the turn, scaled.
+    cross = float(x @ target_y - y @ target_x)
+    turn = Pose2D(0.0, 0.0, math.atan2(cross, float(x @ target_x + y @ target_y)))
     shift_x, shift_y = (target_m - turn.transform(center_m[None])[0]).tolist()
     return Pose2D(shift_x, shift_y, turn.yaw)
 

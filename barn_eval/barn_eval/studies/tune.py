@@ -22,6 +22,7 @@ from optuna.study import StudyDirection
 from optuna.trial import FrozenTrial, Trial, TrialState
 
 from barn_eval.analysis.compare import Comparison, adjust_by_holm, compare
+from barn_eval.analysis.difficulty import means_by_world
 from barn_eval.analysis.measures import COMPARED, MEASURES, require_measures
 from barn_eval.analysis.verdict import conclude_comparison
 from barn_eval.pages.figures import new_figure, style, write_figure
@@ -357,23 +358,22 @@ class Tuner:
         """Drive a setting until done or clearly worse; return a mean per measure.
 
         The mean of a setting that was stopped early is an estimate for all worlds. With
-        one measure, the study gets the means by world.
+        one measure, the study gets the means by world. With several, no setting is
+        stopped.
         """
         world_means = dict(self.study.trials[trial.number].intermediate_values)
         with self._open_run(self.make_setting(trial, "settings")) as run:
             for count in range(_STEP, len(self.worlds) + _STEP, _STEP):
                 worlds = self.worlds[:count]
                 results = run.drive_scored(worlds)
-                columns = [MEASURES[key].values(results) for key in self.by]
                 if len(self.by) > 1:
                     continue
 
-                result_worlds = np.array([row.world for row in results])
+                means = means_by_world(results, MEASURES[self.by[0]])
                 for world in worlds:
                     if world not in world_means:
-                        mean = float(np.mean(columns[0][result_worlds == world]))
-                        world_means[world] = mean
-                        trial.report(mean, world)
+                        world_means[world] = means[world]
+                        trial.report(means[world], world)
                 if count < len(self.worlds) and trial.should_prune():
                     trial.set_user_attr(_GIVEN_UP, count)
                     # The best setting's mean, plus the mean difference in the worlds
@@ -382,11 +382,10 @@ class Tuner:
                     differences = [world_means[world] - best[world] for world in worlds]
                     best_mean = np.mean(list(best.values()))
                     return [float(best_mean + np.mean(differences))]
-        values = np.stack(columns, axis=1)
-        return [float(mean) for mean in values.mean(axis=0)]
+        return [float(MEASURES[key].values(results).mean()) for key in self.by]
 
     def judge(self) -> list[Tuned]:
-        """Drive the best settings in unseen worlds, write files, return comparisons.
+        """Drive the best settings in unseen worlds, write files, return comparisons or [].
 
         This writes parameter files of the best settings and, with several measures,
         front.png.
@@ -516,7 +515,10 @@ class Tuner:
 
 
 def _front(study: optuna.Study) -> list[int]:
-    """Return the numbers of Pareto-optimal settings; with one measure, of the best."""
+    """Return the numbers of Pareto-optimal settings by their first mean, smallest first.
+
+    With one measure, this is the number of the best setting alone.
+    """
     if len(study.directions) == 1:
         return [study.best_trial.number]
     best_trials = sorted(study.best_trials, key=lambda trial: trial.values)

@@ -72,7 +72,7 @@ def test_two_clear_tests_may_be_open_after_holm():
     alone = by_time({"a": a, "b": b})
     assert alone.p[0, 1] <= 0.05 < 3.0 * alone.p[0, 1]
     beside = by_time({"a": a, "b": b, "c": a})
-    assert beside.tests == 3
+    assert beside.pair_count == 3
     assert not any(beside.is_clear(*places) for places in beside.p)
     assert beside.ranks == (1, 1, 1)
 

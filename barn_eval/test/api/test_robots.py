@@ -192,8 +192,9 @@ def test_resized_worlds_have_equal_grids_in_robot_cells(tmp_path):
     written = open_dataset(barn.worlds.save(resized, tmp_path / "husky.npz"))
     assert written.world_numbers == (0, 150, 299)
     assert written.load(150).checksum == resized[150].checksum
-    with refused(
-        "walls, moving obstacles and arenas are in meters and cannot be resized",
-        BarnError,
-    ):
-        resize(barn.worlds.load("dynabarn60", "0"), "husky")
+    arena = barn.worlds.load("dynabarn60", "0")[0]
+    surveyed = replace(worlds[0], built_m=worlds[0].planned_m)
+    for world in (arena, surveyed):
+        message = "and surveyed positions are in meters and cannot be resized"
+        with refused(message, BarnError):
+            resize({0: world}, "husky")

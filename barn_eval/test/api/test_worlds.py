@@ -149,7 +149,7 @@ show 0-59 --dataset dynabarn60 --out x.gif
 show 3 --out x.gif
     world_3: nothing moves in it
 worlds convert dynabarn60 x --format original
-    cannot hold walls or moving obstacles
+    cannot hold walls, moving obstacles, arenas or surveyed positions
 metrics dynabarn60 --worlds 3
     dynabarn_3: is an arena; metrics and difficulty need a world whose obstacles stand
 difficulty predict dynabarn60 --worlds 3

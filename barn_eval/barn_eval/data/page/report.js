@@ -277,7 +277,7 @@ class TrialView {
       return [column.title, cell === null ? "none" : column.digits === null ? cell : `${cell.toFixed(column.digits)} ${column.unit}`];
     });
     if (record.touched) rows.push(["first contact with", record.touched]);
-    if (record.phase !== undefined) rows.push(["phase of what moves", `${record.phase.toFixed(2)} s`]);
+    if (record.phase !== undefined) rows.push(["phase of moving obstacles", `${record.phase.toFixed(2)} s`]);
     rows.push(["seeds", `campaign ${record.seeds[0]}, simulator ${record.seeds[1]}, planner ${record.seeds[2]}`]);
     rows.push(["folder", entries[trial.entry].folder]);
     if (record.bag) rows.push(["see it again", `barn replay ${record.bag}`]);

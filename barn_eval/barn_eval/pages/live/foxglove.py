@@ -156,7 +156,7 @@ class _Listener:
         self._new_channel_ids = new_channel_ids
 
     def __getattr__(self, name: str) -> Any:
-        """Return the handler of an event; only subscriptions have one that acts."""
+        """Return the handler of an event; only that of subscriptions does anything."""
         if not name.startswith("on_"):
             raise AttributeError(name)
         return self._add_channel if name == "on_subscribe" else _ignore_event

@@ -24,7 +24,7 @@ def _host_name(address: str) -> str:
 
 
 def names_this_machine(host: str) -> bool:
-    """Return whether a Host header is an IP address or names this machine.
+    """Tell whether a Host header is an IP address, localhost or this machine's name.
 
     Any other name may belong to a site that rebinds it to this address.
 
@@ -40,7 +40,7 @@ def names_this_machine(host: str) -> bool:
 
 
 def accepts_viewer(headers: Message) -> bool:
-    """Tell whether a viewer, not a foreign page, asks for a WebSocket.
+    """Tell by Host and Origin whether a request is allowed: from no foreign web page.
 
     Browsers send the page's Origin, and let any page open a WebSocket to any address.
 
@@ -65,7 +65,7 @@ class Gate(ThreadingTCPServer):
     allow_reuse_address = True
 
     def __init__(self, address: tuple[str, int], inner: tuple[str, int]) -> None:
-        """Start a thread that listens.
+        """Start a thread that listens at `address` and passes viewers on to `inner`.
 
         Args:
             address: Where viewers connect.
@@ -91,7 +91,7 @@ class _Passage(StreamRequestHandler):
     timeout = 10.0
 
     def handle(self) -> None:
-        """Refuse a connection, or copy data in both directions until one side ends."""
+        """Refuse a connection with 403, or copy data both ways until one side ends."""
         # A viewer may leave, or send what is no request.
         with suppress(OSError, HTTPException):
             request = self.rfile.readline(_BLOCK_BYTES)

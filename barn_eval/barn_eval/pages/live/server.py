@@ -56,13 +56,14 @@ class RunState:
     """The state of a results folder, computed anew only when its rows have changed."""
 
     def __init__(self, folder: Path):
-        """Watch a folder; ConfigError if it holds no run."""
+        """Keep the folder for `read`; ConfigError if it holds no run."""
         RunFile.read(folder)
         self.folder = folder
-        self._read_version = lru_cache(maxsize=1)(self._read)
+        # The argument is the version of the rows, by which the state is cached.
+        self._read_version = lru_cache(maxsize=1)(lambda _: read_state(folder))
 
     def read(self) -> dict[str, Any]:
-        """Return the run's state as JSON data; read files only if rows have changed.
+        """Return the run's state as JSON data, cached until rows change, or its "problem".
 
         "problem" says why files cannot be read.
         """
@@ -80,12 +81,8 @@ class RunState:
             # The run goes on, and the next look may succeed: errors are not cached.
             return {"title": self.folder.resolve().name, "problem": str(error)}
 
-    def _read(self, _version: tuple[int, int]) -> dict[str, Any]:
-        """Return the state from files, whatever version of the rows they have."""
-        return read_state(self.folder)
-
     def bag(self, trial_id: str) -> Path:
-        """Return the bag's folder of a trial; ConfigError if there is none."""
+        """Return the folder of a trial's bag; ConfigError if missing or outside the run."""
         trial_ids = {result.trial_id for result in RowFile(self.folder).read()}
         bag = self.folder / BAGS / trial_id
         # Only names of trials are looked up on disk: others are a client's, and may be
@@ -176,10 +173,7 @@ def _pace(rows: Rows, planned: int | None) -> dict[str, Any]:
 
 
 def _end_of(row: TrialResult) -> datetime | None:
-    """Return when a trial ended, with its zone; None if its row does not say.
-
-    Rows of the evaluator do not.
-    """
+    """Return when a trial ended; None if its row has no start, or one without a zone."""
     try:
         start = datetime.fromisoformat(row.wall_clock.started_at)
     except ValueError:
@@ -266,7 +260,7 @@ class PageServer(ThreadingHTTPServer):
         self._thread.join()
 
     def respond(self, path: str) -> _Response:
-        """Return the response to a URL's path: page, state (JSON), replay or 404.
+        """Return page, state (JSON), replay or 404 for a URL path; BarnError without a bag.
 
         BarnError for a bag that is not there or cannot be read.
         """

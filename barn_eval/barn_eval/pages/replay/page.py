@@ -54,7 +54,7 @@ def replay_page(*recorded_trials: RecordedTrial) -> str:
 
 
 def label_trials(recorded_trials: Sequence[RecordedTrial]) -> list[str]:
-    """Return distinct labels: the planner and, if it appears twice, bag or folder."""
+    """Return distinct labels: planner and, if it appears twice, bag, folder or number."""
     names = [spelling(planner_of(trial)) or trial.name for trial in recorded_trials]
     counts = Counter(names)
     # The shortest origin that tells the trials apart.
@@ -81,7 +81,7 @@ def world_key(recorded: RecordedTrial) -> bytes:
 
 
 def describe(recorded: RecordedTrial) -> str:
-    """Return a text with planner and world, as far as the bag has them, and duration."""
+    """Return a text with planner, world and protocol, if known, and simulated time [s]."""
     parts = []
     planner = planner_of(recorded)
     if planner:
@@ -102,7 +102,7 @@ def planner_of(recorded: RecordedTrial) -> str:
 
 
 def _find_name(recorded: RecordedTrial, part: str, key: str) -> str:
-    """Return the name that a part of the trial or else its result has, or no text."""
+    """Return the name in a part of the trial, or else `key` of its result, or ""."""
     name = _mapping(recorded.trial, part).get("name")
     return str(name or recorded.result.get(key) or "")
 
@@ -122,7 +122,7 @@ def outcome_at(recorded: RecordedTrial, time_s: float) -> str:
 
 
 def list_facts(recorded: RecordedTrial) -> dict[str, str]:
-    """Return outcome, scores and seeds by name, outcome alone if there is no result."""
+    """Return outcome, scores, measures and seeds as texts; outcome alone without result."""
     result = recorded.result
     if not result:
         return {"outcome": "not in the bag"}
@@ -151,7 +151,7 @@ def list_facts(recorded: RecordedTrial) -> dict[str, str]:
 
     phase_s = _mapping(result, "motion").get("phase_s")
     if isinstance(phase_s, int | float):
-        facts["phase of what moves [s]"] = number(phase_s, 2)
+        facts["phase of moving obstacles [s]"] = number(phase_s, 2)
     seeds = []
     for name in _SEEDS:
         seeds.append(f"{name.removesuffix('_seed')} {_value_text(result.get(name))}")

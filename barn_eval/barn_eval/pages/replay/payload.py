@@ -91,7 +91,7 @@ def pack_small(arrays: Arrays) -> dict[str, Any]:
 
 
 def bounds(recorded: RecordedTrial) -> list[float]:
-    """Return x_min, y_min, x_max, y_max of what the page shows, in meters."""
+    """Return x_min, y_min, x_max, y_max [m] of all that the page shows, with margins."""
     grid = recorded.map
     scene = recorded.scene
     trail = recorded.poses[:, :2]
@@ -123,7 +123,7 @@ def bounds(recorded: RecordedTrial) -> list[float]:
 
 
 def progress_m(recorded: RecordedTrial) -> Floats | None:
-    """Return the robot's progress along the path at each time (n,) [m], None if unknown.
+    """Return the farthest progress along the path by each time (n,) [m]; None if no path.
 
     The path leads from the start through the world to the goal. Progress is the arc
     length of its nearest point, the largest so far. None if the path is unknown.
@@ -235,9 +235,10 @@ def _add_scans(recorded: RecordedTrial, arrays: Arrays) -> dict[str, float] | No
 def _add_lines(
     recorded: RecordedTrial, name: str, items: Sequence[TimedItem], arrays: Arrays
 ) -> None:
-    """Add polylines in the replay's frame to `arrays`, their keys begin with `name`.
+    """Add lines, of at most 120 points each, to `arrays`; their keys begin with `name`.
 
-    These are times, points, where each line begins, and which lines show when.
+    They are in the replay's frame: times, points, where each line begins, and which
+    lines show when.
     """
     points = [np.empty((0, 2))]
     lengths = [0]
@@ -314,14 +315,14 @@ def to_millimeters(values_m: Floats) -> tuple[Packable, float]:
 
 
 def motion_arrays(world: World, arrays: Arrays) -> dict[str, float]:
-    """Add walls and obstacles' polynomial motions to `arrays`; return their scale.
+    """Add walls and polynomial motions to `arrays`; return how to read them.
 
     Args:
         world: Has the motions of its obstacles as polynomials.
         arrays: Arrays of the page, which get new ones.
 
     Returns:
-        What describes the arrays.
+        Number of coefficients, what a number is in meters, and length of trails [s].
     """
     arrays["box_walls"] = shape_array(wall_bodies(world.walls))
     arrays["mover_shapes"] = shape_array(moving_bodies(world.tracks, 0.0))

@@ -128,7 +128,7 @@ class ChartData:
 
     @property
     def clearance_measure(self) -> Measure:
-        """Clearance to moving obstacles if all trials have these, else to any."""
+        """Clearance to moving obstacles if all trials have some, else to all obstacles."""
         return clearance_measure(join([entry.results for entry in self.entries]))
 
 
@@ -196,7 +196,7 @@ def chart(about: str) -> Callable[[Drawing], Drawing]:
     " lines are running means"
 )
 def _worlds(data: ChartData, make_panels: MakePanels) -> Handles:
-    """Draw mean time per meter over worlds, easy to difficult, a line per planner.
+    """Draw mean time per meter by world, easiest first, and lines of running means.
 
     Points are means over a planner's trials in a world.
     """
@@ -279,12 +279,12 @@ def _bands(data: ChartData, make_panels: MakePanels) -> Handles:
 
 
 def _tip(name: str, measure: Measure, mean: Interval) -> Tip:
-    """Return a text with a mean, its limits and unit."""
+    """Return a tip, a tuple with one text: name, mean, limits and unit."""
     return (f"{name}: {measure.text(mean)}{measure.after}",)
 
 
 def _label_measure(axes: Axes, x: str, measure: Measure) -> None:
-    """Label axes, with a measure along y, which begins at 0."""
+    """Label axes with a measure along y, which begins at 0, and set the title."""
     label_axes(axes, x, measure.heading, measure.title.capitalize())
     # A marker at 100 % must not be cut off.
     axes.set_ylim(0, 104 if measure.percent else None)
@@ -355,7 +355,7 @@ def _outcomes(data: ChartData, make_panels: MakePanels) -> Handles:
     " the right the one on the right"
 )
 def _paired(data: ChartData, make_panels: MakePanels) -> Handles:
-    """Draw differences by pair, a panel per measure; nothing without pairs."""
+    """Draw differences by pair, a panel per measure, and P(better); nothing if no pairs."""
     comparisons = data.overview.comparisons
     if not comparisons:
         return ()
@@ -511,7 +511,7 @@ def _distributions(data: ChartData, make_panels: MakePanels) -> Handles:
     " over time in contact where there was any, with 95 % intervals of both"
 )
 def _trade(data: ChartData, make_panels: MakePanels) -> Handles:
-    """Draw planners' mean time per meter over clearance and over time in contact."""
+    """Draw mean time per meter over clearance and, if there was any, time in contact."""
     summaries = data.overview.summaries
     measures = [data.clearance_measure]
     if any(summary["contact_s"].estimate > 0.0 for summary in summaries):

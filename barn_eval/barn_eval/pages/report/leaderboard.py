@@ -37,7 +37,7 @@ def write_boards(boards: Sequence[Board], path: Path) -> None:
 
 
 def markdown(boards: Sequence[Board]) -> str:
-    """Return boards as the text of one Markdown document; nothing is written.
+    """Return boards with conclusions and notes as Markdown text; nothing is written.
 
     Text from results files is escaped, so that it is no markup.
     """
@@ -62,7 +62,7 @@ def markdown(boards: Sequence[Board]) -> str:
 
 
 def page(boards: Sequence[Board]) -> str:
-    """Return boards as the text of one HTML page; nothing is written."""
+    """Return boards with conclusions as the text of an HTML page; nothing is written."""
     content = [
         (board, conclude_ranking(board.ranking, board.measure), board_table(board))
         for board in boards

@@ -58,15 +58,15 @@ _MIN_ARROW_M = 0.3
 
 
 def order_by_contrast(entries: Sequence[Entry], order: WorldOrder) -> list[int]:
-    """Return world numbers, that first in which the planners' means differ most.
+    """Return world numbers by how much planners' means differ in them, the most first.
 
-    They differ by the measure that ranks; of equal ones the harder world comes first.
+    The means are of the ranking measure; of equal worlds the harder comes first.
     """
     measure = ranking_measure(entries[0].results)
     groups = [means_by_world(entry.results, measure) for entry in entries]
 
     def contrast(world: int) -> float:
-        """Return the difference of the best and the worst planner in a world."""
+        """Return the range of the planners' means in a world, 0 if one is NaN."""
         means = [group[world] for group in groups if world in group]
         return float(np.nan_to_num(np.ptp(means)))
 
@@ -301,7 +301,7 @@ def draw_motion(axes: Axes, world: World, trials: Sequence[DrivenTrial]) -> None
 
 
 def draw_touched_mover(axes: Axes, world: World, trial: DrivenTrial) -> None:
-    """Draw the moving obstacle that the robot hit, where it was at the trial's end.
+    """Draw the moving obstacle that was hit, if any, where it was at the trial's end.
 
     Args:
         axes: What is drawn onto.
@@ -327,11 +327,9 @@ def draw_touched_mover(axes: Axes, world: World, trial: DrivenTrial) -> None:
 def motion_handles() -> list[Line2D]:
     """Return legend entries for moving obstacles' paths and for the one hit."""
     return [
-        Line2D(
-            [], [], color=MOVER, linewidth=1.0, alpha=0.7, label="way of what moves"
-        ),
+        Line2D([], [], color=MOVER, linewidth=1.0, alpha=0.7, label="moving obstacle"),
         _legend_mark(
-            "what was hit",
+            "obstacle that was hit",
             marker="o",
             markersize=9,
             markerfacecolor=_MOVER_FILL,

@@ -323,7 +323,7 @@ def build_report(
 def replay_links(
     report: Report, out: Path, replays: Path | None = None
 ) -> dict[Path, str]:
-    """Return each replay's address relative to the page `out`, by its bag's path.
+    """Return replays' addresses relative to `out` by bag; draw them into any `replays`.
 
     With `replays`, the replay of each bag is drawn there first. Pages in the folder
     replays/ of a results folder are linked too.
@@ -419,13 +419,13 @@ def _write_world(
     positions: Sequence[int],
     links: Mapping[Path, str],
 ) -> None:
-    """Write the part of the world at a place, with its trials' positions."""
+    """Write a world and its trials as the script FOLDER/world_PLACE.js."""
     part = world_part(report.trials, positions, links)
     _write_part(folder, f"world_{place}", part)
 
 
 def _write_part(folder: Path, name: str, content: object) -> None:
-    """Write a part of a page's data as a script, which a page of a disk can load."""
+    """Write a part of a page's data as FOLDER/NAME.js, a script that the page can load."""
     write_page(folder / f"{name}.js", f'receive("{name}",{script_json(content)});\n')
 
 

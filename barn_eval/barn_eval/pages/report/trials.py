@@ -58,7 +58,7 @@ class DrivenTrial:
 
     @cached_property
     def _recorded(self) -> Track | str:
-        """The track, or why there is none; read when first asked for."""
+        """The track, with clearance to moving obstacles, or why it is missing; cached."""
         source = self.entry.source
         recorded = _read_track(source, self.result)
         if isinstance(recorded, str) or isinstance(self.world, str):
@@ -123,9 +123,9 @@ def _read_track(source: Source, result: TrialResult) -> Track | str:
 def _add_moving_clearance(
     track: Track, result: TrialResult, world: World, outline: Footprint
 ) -> Track:
-    """Return a track whose clearance counts walls and moving obstacles too.
+    """Return a track whose clearance counts moving obstacles; itself if none moves.
 
-    The track itself is returned if nothing in its world moves.
+    Walls count as well.
     """
     if result.motion is None:
         return track
@@ -147,7 +147,7 @@ def _add_moving_clearance(
 
 
 def make_scene(source: Source, world: World) -> TrialScene:
-    """Return a world with start and goal by the protocol and robot of a folder.
+    """Return a world with a folder's start and goal; BarnError if they are unknown.
 
     Args:
         source: The results folder.
@@ -176,7 +176,7 @@ def make_scene_if_known(source: Source, world: World) -> TrialScene:
 
 
 def positions_by_world(trials: Sequence[DrivenTrial]) -> dict[str, list[int]]:
-    """Return positions of trials by the checksum of their world."""
+    """Return the positions of trials in the list by the checksum of their world."""
     positions: dict[str, list[int]] = {}
     for position, trial in enumerate(trials):
         positions.setdefault(trial.result.world_checksum, []).append(position)

@@ -264,7 +264,7 @@ class BagFile:
         return types
 
     def messages(self, topics: Collection[str] = ()) -> Iterator[RawMessage]:
-        """Yield raw messages of `topics` (or all) up to damage; BagError if unreadable.
+        """Yield messages of `topics`, or all, to damage or 512 MiB; BagError if unreadable.
 
         After damage, `problem` says what ended the reading. Each call begins at the
         start of the bag.
@@ -324,12 +324,12 @@ class BagFile:
         for path in self._files:
             try:
                 with _decompressed(path) as plain:
-                    if plain.suffix not in (".db3", ".bag"):
-                        yield from self._mcap_messages(plain, path)
+                    if plain.suffix == ".db3":
+                        yield from _sqlite_messages(plain)
                     elif plain.suffix == ".bag":
                         yield from _ros1_messages(plain)
                     else:
-                        yield from _sqlite_messages(plain)
+                        yield from self._mcap_messages(plain, path)
             except (*_DATABASE_DAMAGE, *DAMAGE) as error:
                 if self.is_empty:
                     raise BagError(

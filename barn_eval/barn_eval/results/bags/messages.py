@@ -145,7 +145,7 @@ class ScoreReporter:
 
 
 def running_score(standing: Standing, course: Course) -> float:
-    """Return the verdict's challenge metric or an arrival's now; 0 if no optimal time.
+    """Return the challenge metric of the outcome, or of an arrival now; 0 if unknown.
 
     Args:
         standing: State of the trial.
@@ -212,7 +212,7 @@ class TrialBag:
         self._recorder.record([initial_scene(spec, stamp_ns)], stamp_ns)
 
     def reading(self, sensors: Sensors, *, asked: bool = True) -> None:
-        """Record an instant's sensors, a new scan only if `asked`, and what is due.
+        """Record sensors, a new scan if `asked`, and moving obstacles and goal if due.
 
         Args:
             sensors: The readings.

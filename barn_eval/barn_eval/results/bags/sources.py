@@ -200,7 +200,7 @@ class PoseReader:
             yield Odometry(header.stamp_ns, read(message.data), NO_TWIST)
 
     def _read_transforms(self, message: RawMessage) -> Iterator[Odometry]:
-        """Yield a pose for each new transform of the last moving link of the chain.
+        """Yield the robot's pose at each transform of the chain's last moving link.
 
         Nothing is yielded before all links are known. The last moving link is sent most
         often.

@@ -159,7 +159,7 @@ def test_a_page_has_movers_in_millimeters_and_their_measures(bag):
         == f"{motion['moving_clearance_m']:.3f}"
     )
     assert facts["time within 0.5 m of what moves [s]"] == f"{motion['near_s']:.2f}"
-    assert facts["phase of what moves [s]"] == f"{motion['phase_s']:.2f}"
+    assert facts["phase of moving obstacles [s]"] == f"{motion['phase_s']:.2f}"
 
 
 def violet(pixels):
@@ -235,7 +235,7 @@ def test_an_overlay_shows_ways_and_what_was_hit(folder, world):
         place = places[world.tracks.names.index(item.motion.touched)]
         assert np.linalg.norm(middles - place, axis=1).min() < 0.1
     texts = [item.get_text() for item in figure.legends[0].get_texts()]
-    assert "way of what moves" in texts
+    assert "moving obstacle" in texts
 
 
 def test_pictures_of_an_environment_show_what_moves(monkeypatch):
