@@ -191,7 +191,7 @@ def suggest(name: object, candidates: Iterable[object]) -> str:
     names = _sort_names(candidates)
     # Dozens of names of other parents would hide the few that the user can mean.
     siblings = _siblings(_shorten(name), names)
-    return suggest_similar(name, names) or f"; known: {join_names(siblings)}"
+    return suggest_similar(name, names) or f"; known: {join_names(siblings) or 'none'}"
 
 
 def suggest_similar(name: object, candidates: Iterable[object]) -> str:

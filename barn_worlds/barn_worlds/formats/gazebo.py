@@ -1,6 +1,7 @@
 """Reads worlds of cylinders from Gazebo files (.world, .sdf, gzipped or not)."""
 
 import math
+import re
 from collections.abc import Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -31,7 +32,10 @@ OFF_GRID_M = 1e-3  # largest distance of a cylinder from the center of its cell
 LARGEST_TILT_RAD = 1e-3  # of a cylinder; moves the top of one of 1 m by 1 mm
 # Cylinders must extend through this height, so that robots meet them.
 ROBOT_HEIGHT_M = 0.1
-_WITHOUT_OBSTACLES = ("sun", "ground_plane")
+# Addresses of models without obstacles, local or of Fuel, which adds version and file.
+_WITHOUT_OBSTACLES = re.compile(
+    r"(.*/)?(sun|ground[ _]plane)(/(\d+|tip))?(/files/model\.sdf)?/?", re.IGNORECASE
+)
 
 
 class GazeboFile:
@@ -179,17 +183,21 @@ class GazeboFile:
     def _world(self) -> Scope:
         """The world as Gazebo loads it: with the changes of its saved state."""
         worlds = self._root.findall("world")
-        if len(worlds) > 1:
-            raise self._error(f"has {len(worlds)} worlds; keep only one")
-        world = worlds[0] if worlds else Element("world")
+        if self._root.tag != "sdf" or len(worlds) != 1:
+            raise self._error(
+                "must be <sdf> with one <world>, "
+                f"got <{self._root.tag:.60}> with {len(worlds)}"
+            )
+        world = worlds[0]
         # Gazebo Classic applies only the first state: insertions, then deletions.
         state = world.find("state")
-        if state is not None:
-            world.extend(state.findall("insertions/*"))
-            deleted = {name.text for name in state.iterfind("deletions/name")}
-            for model in world.findall("model"):
-                if model.get("name") in deleted:
-                    world.remove(model)
+        if state is None:
+            state = Element("state")
+        world.extend(state.findall("insertions/*"))
+        deleted = {name.text for name in state.iterfind("deletions/name")}
+        for model in world.findall("model"):
+            if model.get("name") in deleted:
+                world.remove(model)
 
         for element in world:
             if element.tag in ("actor", "population"):
@@ -198,10 +206,10 @@ class GazeboFile:
                 )
             # Models in the world are read; included models are in other files.
             uri = (element.findtext("uri") or "").strip()
-            if element.tag == "include" and not _is_without_obstacles(uri):
-                models = ", ".join(_WITHOUT_OBSTACLES)
+            is_known = _WITHOUT_OBSTACLES.fullmatch(unquote(uri))
+            if element.tag == "include" and not is_known:
                 raise self._error(
-                    f"included model {uri!r:.80} is unknown; known: {models}"
+                    f"included model {uri!r:.80} is unknown; known: sun, ground_plane"
                 )
         return Scope(world, self._where, Transform(), state)
 
@@ -292,20 +300,17 @@ def fill_hollow(visible: BoolGrid, free: tuple[int, int] | None = None) -> BoolG
     # The cells of one gap after the other, for slices instead of a search for each.
     by_label = np.argsort(labels, axis=None, kind="stable")
     first = np.cumsum([np.count_nonzero(visible), *sizes[1:]])
+    last = np.subtract(visible.shape, 1)
     for index in np.argsort(-sizes[1:], kind="stable").tolist():
         gap = np.unravel_index(by_label[first[index] : first[index + 1]], visible.shape)
-        at_border = False
-        surroundings = []
-        for positions, side in zip(gap, visible.shape, strict=True):
-            low = int(positions.min())
-            high = int(positions.max())
-            at_border |= low == 0 or high == side - 1
-            surroundings.append(slice(max(0, low - 2), high + 3))
+        low = np.min(gap, axis=1)
+        high = np.max(gap, axis=1)
+        at_border = not low.all() or (high == last).any()
         if at_border or (free is not None and labels[free] == index + 1):
             continue
 
         grid[gap] = True
-        around = tuple(surroundings)
+        around = tuple(map(slice, np.maximum(low - 2, 0), high + 3))
         if (hollow_cells(grid[around]) & visible[around]).any():
             grid[gap] = False
     return grid
@@ -356,12 +361,3 @@ def _require_upright(pose: Transform, where: str) -> None:
             f"{where}: leans by {pose.tilt_rad:.3g} rad; "
             f"at most {LARGEST_TILT_RAD:g} is allowed"
         )
-
-
-def _is_without_obstacles(uri: str) -> bool:
-    """Tell whether a URI, local or of Fuel, names a model without obstacles."""
-    parts = unquote(uri).rstrip("/").split("/")
-    # A model of Fuel may end in its version.
-    if len(parts) > 1 and (parts[-1].isdecimal() or parts[-1] == "tip"):
-        parts.pop()
-    return parts[-1].lower().replace(" ", "_") in _WITHOUT_OBSTACLES

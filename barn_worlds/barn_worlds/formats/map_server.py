@@ -7,7 +7,7 @@ a pixel that is not opaque is unknown, whatever its color.
 import io
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from itertools import pairwise
 from pathlib import Path
@@ -58,6 +58,11 @@ MODES = ("trinary", "scale", "raw")
 _IMAGE_FORMATS = ("PPM", "PNG", "BMP", "JPEG", "GIF", "TIFF", "WEBP", "TGA", "PCX")
 _OWN_KEYS = ("start", "goal", "routes")  # unknown to map_server
 _NUMBERS = ("resolution", "origin", "occupied_thresh", "free_thresh")
+_PARSERS: dict[str, Callable[[str], Any]] = {
+    "image": str,
+    "mode": str.lower,
+    "negate": parse_flag,
+}
 _ROUTES_HINT = (
     "into the map's YAML file: routes: {name: {start: [x, y, yaw], goal: [x, y]}}"
 )
@@ -222,9 +227,12 @@ def read_map_file(path: Path) -> MapFile:
                 content["routes"] = read_legs(path.parent / content["routes"])
             content |= _read_scalars(parse_yaml(file, str(path), TextLoader))
             names = [item.name for item in fields(MapFile)]
-            others = [key for key in content if key not in names]
-            # A misspelled key of the suite must not be ignored.
-            ignored = [key for key in others if not suggest_similar(key, _OWN_KEYS)]
+            ignored = [
+                key
+                for key in content
+                # A misspelled key of the suite must not be ignored.
+                if key not in names and not suggest_similar(key, _OWN_KEYS)
+            ]
             for key in ignored:
                 del content[key]
             if ignored and "image" in content:
@@ -307,13 +315,15 @@ def read_map(path: Path, map_file: MapFile | None = None) -> OccupancyMap:
             f"{path}: image: {map_file.image!r:.200} does not exist; put the image "
             f"there, or change image{suggest_similar(image.name, names)}"
         )
-    # Images begin with the top row, which has the largest y.
     gray, is_opaque = _read_image(image)
-    shade = gray[::-1] / 255.0
+    # Images begin with the top row, which has the largest y.
+    gray = gray[::-1]
+    is_opaque = is_opaque[::-1]
     if map_file.mode == "raw":
-        values = np.rint(gray[::-1])
-        data = np.where(values <= OCCUPIED, values, UNKNOWN)
+        values = np.rint(gray)
+        data = np.where(is_opaque & (values <= OCCUPIED), values, UNKNOWN)
     else:
+        shade = gray / 255.0
         chance = shade if map_file.negate else 1.0 - shade
         between: Floats | int = UNKNOWN
         if map_file.mode == "scale":
@@ -322,7 +332,7 @@ def read_map(path: Path, map_file: MapFile | None = None) -> OccupancyMap:
             between = np.rint(100.0 * share)
         data = np.select(
             [
-                ~is_opaque[::-1],
+                ~is_opaque,
                 chance < map_file.free_thresh,
                 chance > map_file.occupied_thresh,
             ],
@@ -384,17 +394,10 @@ def _read_scalars(texts: dict[str, Any]) -> dict[str, Any]:
 
     yaml-cpp does not distinguish quoted scalars from plain ones.
     """
-    scalars: dict[str, Any] = {
-        key: texts[key] for key in ("image", "mode") if key in texts
-    }
-    if isinstance(scalars.get("mode"), str):
-        scalars["mode"] = scalars["mode"].lower()
-    for key in _NUMBERS:
-        if key in texts:
-            scalars[key] = parse_numbers(texts[key])
-    negate = texts.get("negate")
-    if isinstance(negate, str):
-        scalars["negate"] = parse_flag(negate)
+    scalars = {key: parse_numbers(texts[key]) for key in _NUMBERS if key in texts}
+    for key, parse in _PARSERS.items():
+        if isinstance(texts.get(key), str):
+            scalars[key] = parse(texts[key])
     return scalars
 
 
