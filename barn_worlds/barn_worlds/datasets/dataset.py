@@ -284,8 +284,7 @@ def _open_worlds(name: str, files: Sequence[Path], robot: Robot) -> Dataset:
     routes: list[Callable[[], World]] = []
     has_routes = False
     for number, file in zip(numbers, files, strict=True):
-        reader = partial(single.read_world, file, robot)
-        readers[number] = reader
+        reader = readers[number] = partial(single.read_world, file, robot)
         names = []
         if single.ending(file) in single.MAP_ENDINGS:
             names = map_server.read_route_names(file)

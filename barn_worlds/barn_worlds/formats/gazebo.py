@@ -205,7 +205,7 @@ class GazeboFile:
                     f"<{element.tag}> cannot be part of a world of cylinders"
                 )
             # Models in the world are read; included models are in other files.
-            uri = (element.findtext("uri") or "").strip()
+            uri = element.findtext("uri", "").strip()
             is_known = _WITHOUT_OBSTACLES.fullmatch(unquote(uri))
             if element.tag == "include" and not is_known:
                 raise self._error(
@@ -338,8 +338,7 @@ def _read_collision(
         raise WorldError(f"{where}: shape must be one cylinder, got {names}")
     _require_upright(pose, where)
     (radius,) = read_numbers(shapes[0].findtext("radius"), 1, f"{where}: radius")
-    length_text = shapes[0].findtext("length") or "1"
-    (length,) = read_numbers(length_text, 1, f"{where}: length")
+    (length,) = read_numbers(shapes[0].findtext("length", "1"), 1, f"{where}: length")
     if min(radius, length) <= 0.0:
         raise WorldError(
             f"{where}: radius and length must be above 0, got {radius:g}, {length:g}"

@@ -118,8 +118,7 @@ class Scope:
             at_origin = Scope(element, where, Transform(), Element("state"))
             pose = pose @ at_origin.frame(placement).inverse()
 
-        text = state.findtext("scale") or "1 1 1"
-        scale = read_numbers(text, 3, f"{where}: scale")
+        scale = read_numbers(state.findtext("scale", "1 1 1"), 3, f"{where}: scale")
         self._models[element] = Scope(element, where, pose, state), max(scale[:2])
         return self._models[element]
 

@@ -161,13 +161,10 @@ def test_keys_that_map_server_ignores_are_named_in_a_note(tmp_path, caplog):
 
 
 def test_a_folder_of_maps_skips_what_is_no_map_of_obstacles(tmp_path, caplog):
-    for name in ("a", "b"):
-        write_map(
-            OccupancyMap(np.zeros((9, 9), np.int8), 0.1, 0.0, 0.0), tmp_path / name
-        )
-    mask = (tmp_path / "b.yaml").read_text().replace("trinary", "Scale")
-    (tmp_path / "b.yaml").write_text(mask)
-    (tmp_path / "nav2_params.yaml").write_text("/**:\n  ros__parameters: {a: 1}\n")
+    parameters = "/**:\n  ros__parameters: {a: 1}\n"
+    texts = {"a": YAML, "b": YAML + "mode: Scale\n", "nav2_params": parameters}
+    for name, text in texts.items():
+        (tmp_path / f"{name}.yaml").write_text(text)
     assert open_dataset(tmp_path).world_numbers == (0,)
     assert "b.yaml, nav2_params.yaml" in caplog.messages[-1]
     # Where all maps are of such a mode, they are what is meant.
