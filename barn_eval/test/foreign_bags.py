@@ -27,20 +27,12 @@ def messages_of(bag, change=lambda message: message):
 def write_bag(path, messages, format="mcap", compression=""):
     """Write messages with rosbags, of ROS 1 for the format ros1; return the path."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    types = jazzy_types()
     if format == "ros1":
         return _write_ros1(path, messages)
     writer = Writer(path, version=9, **FORMATS[format])
     if compression:
         writer.set_compression(COMPRESSIONS[compression], CompressionFormat.ZSTD)
-    with writer:
-        connections = {}
-        for message in messages:
-            if message.topic not in connections:
-                connections[message.topic] = writer.add_connection(
-                    message.topic, message.type_name, typestore=types
-                )
-            writer.write(connections[message.topic], message.stamp_ns, message.data)
+    _write_messages(writer, messages, jazzy_types())
     return path
 
 
@@ -51,18 +43,24 @@ def _write_ros1(path, messages):
             "geometry_msgs/TransformStamped[] transforms", "tf2_msgs/msg/TFMessage"
         )
     )
-    with Rosbag1Writer(path) as writer:
-        connections = {}
+    converted = []
+    for message in messages:
+        data = jazzy_types().cdr_to_ros1(message.data, message.type_name)
+        stamp_ns = message.stamp_ns + 10**9
+        converted.append(replace(message, stamp_ns=stamp_ns, data=bytes(data)))
+    _write_messages(Rosbag1Writer(path), converted, types)
+    return path
+
+
+def _write_messages(writer, messages, types):
+    connections = {}
+    with writer:
         for message in messages:
             if message.topic not in connections:
                 connections[message.topic] = writer.add_connection(
                     message.topic, message.type_name, typestore=types
                 )
-            data = jazzy_types().cdr_to_ros1(message.data, message.type_name)
-            writer.write(
-                connections[message.topic], message.stamp_ns + 10**9, bytes(data)
-            )
-    return path
+            writer.write(connections[message.topic], message.stamp_ns, message.data)
 
 
 def in_namespace(message):

@@ -202,8 +202,8 @@ def world_cell_metrics(world: World, formula: Formula | str) -> Floats:
     """
     if world.corner_m is not None:
         raise WorldError(
-            f"{world.name}: is an arena; metrics and difficulty need a world whose "
-            "obstacles stand on a grid"
+            f"{world.name}: is an arena or a map with a course of its own; metrics and "
+            "difficulty need a world in BARN's layout"
         )
     try:
         return cell_metrics(world.cspace, world.path, formula)

@@ -338,9 +338,12 @@ class JackalVectorEnv(SyncVectorEnv):
         config = configure(config, changes)
         # All environments share its worlds in memory.
         dataset = open_dataset(config.dataset).for_robot(load_robot(config.robot))
-        if max_episode_steps is not None and max_episode_steps < 1:
+        if max_episode_steps is not None and (
+            type(max_episode_steps) is not int or max_episode_steps < 1
+        ):
             raise ConfigError(
-                f"max_episode_steps must be at least 1, got {max_episode_steps}"
+                "max_episode_steps must be a whole number from 1, "
+                f"got {max_episode_steps!r}"
             )
         make_env = partial(JackalEnv, config, render_mode, fitted_dataset=dataset)
         super().__init__([make_env] * num_envs, autoreset_mode=autoreset_mode)

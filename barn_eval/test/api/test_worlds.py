@@ -151,9 +151,9 @@ show 3 --out x.gif
 worlds convert dynabarn60 x --format original
     cannot hold walls, moving obstacles, arenas or surveyed positions
 metrics dynabarn60 --worlds 3
-    dynabarn_3: is an arena; metrics and difficulty need a world whose obstacles stand
+    dynabarn_3: is an arena or a map with a course of its own; metrics and difficulty
 difficulty predict dynabarn60 --worlds 3
-    dynabarn_3: is an arena; metrics and difficulty need a world whose obstacles stand
+    dynabarn_3: is an arena or a map with a course of its own; metrics and difficulty
 """
 
 

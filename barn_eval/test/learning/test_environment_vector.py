@@ -158,8 +158,9 @@ def test_a_limit_of_steps_and_pictures_are_gymnasiums(pair, autoreset):
     pictures, expected = (env.render() for env in limited)
     assert len(pictures) == COUNT
     assert all(map(np.array_equal, pictures, expected))
-    with refused("max_episode_steps must be at least 1, got 0"):
-        gymnasium.make_vec(NAME, 1, max_episode_steps=0)
+    for limit in (0, 2.5):
+        with refused(f"max_episode_steps must be a whole number from 1, got {limit}"):
+            gymnasium.make_vec(NAME, 1, max_episode_steps=limit)
 
 
 def test_actions_of_another_shape_are_refused(pair):

@@ -190,7 +190,7 @@ def suggest(name: object, candidates: Iterable[object]) -> str:
     names = sorted(map(_name_text, candidates))
     # Dozens of names of other parents would hide the few that the user can mean.
     siblings = _siblings(_name_text(name), names)
-    return suggest_similar(name, names) or f"; known: {list_names(siblings)}"
+    return suggest_similar(name, names) or f"; known: {list_names(siblings) or 'none'}"
 
 
 def suggest_similar(name: object, candidates: Iterable[object]) -> str:

@@ -5,6 +5,8 @@ suite's own files are read as YAML 1.2, others as the programs do that use them.
 """
 
 import re
+from collections import Counter
+from collections.abc import Hashable
 from typing import TYPE_CHECKING, Any
 
 import yaml
@@ -21,11 +23,27 @@ else:
     _Base = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
-class TextLoader(_Base):
+class _UniqueKeyLoader(_Base):
+    """Safe loader that refuses repeated keys.
+
+    yaml-cpp reads the first of them, PyYAML the last.
+    """
+
+    def construct_mapping(
+        self, node: yaml.MappingNode, deep: bool = False
+    ) -> dict[Hashable, Any]:
+        """Return the data in a node; ValueError if a key occurs twice."""
+        for key, count in Counter(str(key.value) for key, _ in node.value).items():
+            if count > 1:
+                raise ValueError(f"key {key!r:.60} occurs twice; keep only one")
+        return super().construct_mapping(node, deep)
+
+
+class TextLoader(_UniqueKeyLoader):
     """Safe loader that reads every scalar as text."""
 
 
-class CoreLoader(_Base):
+class CoreLoader(_UniqueKeyLoader):
     """Safe loader of the core schema of YAML 1.2."""
 
     def construct_integer(self, node: yaml.ScalarNode) -> int:
@@ -34,7 +52,7 @@ class CoreLoader(_Base):
         return int(text, 0 if text.startswith(("0o", "0x")) else 10)
 
 
-class RosLoader(_Base):
+class RosLoader(_UniqueKeyLoader):
     """Safe loader of ROS parameter files, by the rules of rcl_yaml_param_parser."""
 
     def construct_flag(self, node: yaml.ScalarNode) -> bool:
@@ -72,9 +90,8 @@ def parse_flag(text: str) -> int | str:
     return int(text) if re.fullmatch("[-+]?[0-9]{1,9}", text) else text
 
 
-# Remove the rules of YAML 1.1.
-for _loader in (TextLoader, CoreLoader, RosLoader):
-    _loader.yaml_implicit_resolvers = {}
+# Without the rules of YAML 1.1; each loader gets a copy with its own.
+_UniqueKeyLoader.yaml_implicit_resolvers = {}
 
 
 def _declare(loader: Any, name: str, pattern: str, constructor: Any = None) -> None:

@@ -276,15 +276,15 @@ def _open_folder(path: Path, robot: Robot) -> Dataset:
 
 def _open_worlds(name: str, files: Sequence[Path], robot: Robot) -> Dataset:
     """Return a data set, a world per route if map files name any, else per file."""
-    numbers = [single.number_in(file) for file in files]
-    is_unique = None not in numbers and len(set(numbers)) == len(files)
+    in_names = map(single.number_in, files)
+    numbers = [number for number in in_names if number is not None]
+    if len(set(numbers)) < len(files):
+        numbers = list(range(len(files)))
     readers: dict[int, Callable[[], World]] = {}
     routes: list[Callable[[], World]] = []
     has_routes = False
-    for place, (number, file) in enumerate(zip(numbers, files, strict=True)):
-        world_number = number if is_unique and number is not None else place
-        reader = partial(single.read_world, file, robot)
-        readers[world_number] = reader
+    for number, file in zip(numbers, files, strict=True):
+        reader = readers[number] = partial(single.read_world, file, robot)
         names = []
         if single.ending(file) in single.MAP_ENDINGS:
             names = map_server.read_route_names(file)

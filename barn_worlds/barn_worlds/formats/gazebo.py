@@ -1,6 +1,7 @@
 """Reads worlds of cylinders from Gazebo files (.world, .sdf, gzipped or not)."""
 
 import math
+import re
 from collections.abc import Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -31,7 +32,10 @@ OFF_GRID_M = 1e-3  # largest distance of a cylinder from the center of its cell
 LARGEST_TILT_RAD = 1e-3  # of a cylinder; moves the top of one of 1 m by 1 mm
 # Cylinders must extend through this height, so that robots meet them.
 ROBOT_HEIGHT_M = 0.1
-_WITHOUT_OBSTACLES = ("sun", "ground_plane")
+# Addresses of models without obstacles, local or of Fuel, which adds version and file.
+_WITHOUT_OBSTACLES = re.compile(
+    r"(.*/)?(sun|ground[ _]plane)(/(\d+|tip))?(/files/model\.sdf)?/?", re.IGNORECASE
+)
 
 
 class GazeboFile:
@@ -179,17 +183,21 @@ class GazeboFile:
     def _world(self) -> Scope:
         """The world after its saved state's changes; WorldError for foreign parts."""
         worlds = self._root.findall("world")
-        if len(worlds) > 1:
-            raise self._error(f"has {len(worlds)} worlds; keep only one")
-        world = worlds[0] if worlds else Element("world")
+        if self._root.tag != "sdf" or len(worlds) != 1:
+            raise self._error(
+                "must be <sdf> with one <world>, "
+                f"got <{self._root.tag:.60}> with {len(worlds)}"
+            )
+        world = worlds[0]
         # Gazebo Classic applies only the first state: insertions, then deletions.
         state = world.find("state")
-        if state is not None:
-            world.extend(state.findall("insertions/*"))
-            deleted = {name.text for name in state.iterfind("deletions/name")}
-            for model in world.findall("model"):
-                if model.get("name") in deleted:
-                    world.remove(model)
+        if state is None:
+            state = Element("state")
+        world.extend(state.findall("insertions/*"))
+        deleted = {name.text for name in state.iterfind("deletions/name")}
+        for model in world.findall("model"):
+            if model.get("name") in deleted:
+                world.remove(model)
 
         for element in world:
             if element.tag in ("actor", "population"):
@@ -197,11 +205,11 @@ class GazeboFile:
                     f"<{element.tag}> cannot be part of a world of cylinders"
                 )
             # Models in the world are read; included models are in other files.
-            uri = (element.findtext("uri") or "").strip()
-            if element.tag == "include" and not _is_without_obstacles(uri):
-                models = ", ".join(_WITHOUT_OBSTACLES)
+            uri = element.findtext("uri", "").strip()
+            is_known = _WITHOUT_OBSTACLES.fullmatch(unquote(uri))
+            if element.tag == "include" and not is_known:
                 raise self._error(
-                    f"included model {uri!r:.80} is unknown; known: {models}"
+                    f"included model {uri!r:.80} is unknown; known: sun, ground_plane"
                 )
         return Scope(world, self._where, Transform(), state)
 
@@ -335,8 +343,7 @@ def _read_collision(
         raise WorldError(f"{where}: shape must be one cylinder, got {names}")
     _require_upright(pose, where)
     (radius,) = read_numbers(shapes[0].findtext("radius"), 1, f"{where}: radius")
-    length_text = shapes[0].findtext("length") or "1"
-    (length,) = read_numbers(length_text, 1, f"{where}: length")
+    (length,) = read_numbers(shapes[0].findtext("length", "1"), 1, f"{where}: length")
     if min(radius, length) <= 0.0:
         raise WorldError(
             f"{where}: radius and length must be above 0, got {radius:g}, {length:g}"
@@ -358,12 +365,3 @@ def _require_upright(pose: Transform, where: str) -> None:
             f"{where}: leans by {pose.tilt_rad:.3g} rad; "
             f"at most {LARGEST_TILT_RAD:g} is allowed"
         )
-
-
-def _is_without_obstacles(uri: str) -> bool:
-    """Tell whether a URI, local or of Fuel, names a model without obstacles."""
-    parts = unquote(uri).rstrip("/").split("/")
-    # A model of Fuel may end in its version.
-    if len(parts) > 1 and (parts[-1].isdecimal() or parts[-1] == "tip"):
-        parts.pop()
-    return parts[-1].lower().replace(" ", "_") in _WITHOUT_OBSTACLES

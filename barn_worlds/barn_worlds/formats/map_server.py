@@ -7,7 +7,7 @@ a pixel that is not opaque is unknown, whatever its color.
 import io
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from itertools import pairwise
 from pathlib import Path
@@ -58,6 +58,11 @@ MODES = ("trinary", "scale", "raw")
 _IMAGE_FORMATS = ("PPM", "PNG", "BMP", "JPEG", "GIF", "TIFF", "WEBP", "TGA", "PCX")
 _OWN_KEYS = ("start", "goal", "routes")  # unknown to map_server
 _NUMBERS = ("resolution", "origin", "occupied_thresh", "free_thresh")
+_PARSERS: dict[str, Callable[[str], Any]] = {
+    "image": str,
+    "mode": str.lower,
+    "negate": parse_flag,
+}
 _ROUTES_HINT = (
     "into the map's YAML file: routes: {name: {start: [x, y, yaw], goal: [x, y]}}"
 )
@@ -385,17 +390,10 @@ def _read_scalars(texts: dict[str, Any]) -> dict[str, Any]:
 
     yaml-cpp does not distinguish quoted scalars from plain ones.
     """
-    scalars: dict[str, Any] = {
-        key: texts[key] for key in ("image", "mode") if key in texts
-    }
-    if isinstance(scalars.get("mode"), str):
-        scalars["mode"] = scalars["mode"].lower()
-    for key in _NUMBERS:
-        if key in texts:
-            scalars[key] = parse_numbers(texts[key])
-    negate = texts.get("negate")
-    if isinstance(negate, str):
-        scalars["negate"] = parse_flag(negate)
+    scalars = {key: parse_numbers(texts[key]) for key in _NUMBERS if key in texts}
+    for key, parse in _PARSERS.items():
+        if isinstance(texts.get(key), str):
+            scalars[key] = parse(texts[key])
     return scalars
 
 

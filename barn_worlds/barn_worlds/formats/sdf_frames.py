@@ -28,9 +28,7 @@ class Scope:
     Methods raise WorldError for invalid poses and unknown names.
     """
 
-    def __init__(
-        self, element: Element, where: str, pose: Transform, state: Element | None
-    ):
+    def __init__(self, element: Element, where: str, pose: Transform, state: Element):
         """Index the elements and saved states of a <world> or <model> by name.
 
         Args:
@@ -38,7 +36,7 @@ class Scope:
             where: Path of the file and name of the model, to begin messages with.
             pose: Pose of its own frame in the world.
             state: Part of the world's <state>, in which Gazebo Classic saves poses of
-                models and links, for this world or model.
+                models and links, for this world or model; empty if there is none.
         """
         self.element = element
         self.where = where
@@ -47,17 +45,14 @@ class Scope:
         self._elements = {
             child.get("name", ""): child for child in element if child.tag in _FRAMES
         }
-        self._states = {}
-        for child in () if state is None else state:
-            self._states[child.tag, child.get("name")] = child
+        self._states = {(child.tag, child.get("name")): child for child in state}
         # Poses by name; None while a pose is being computed.
         self._frames: dict[str, Transform | None] = {self._frame_name: pose}
         self._models: dict[Element, tuple[Scope, float]] = {}
 
     def models(self) -> Iterator[tuple["Scope", float]]:
         """Yield scopes of the models directly in this one, with a factor on radii."""
-        for element in self.element.findall("model"):
-            yield self._model(element)
+        return map(self._model, self.element.findall("model"))
 
     def locate(self, element: Element, base: Transform | None = None) -> Transform:
         """Return an element's pose in the world; a saved state wins over <pose>.
@@ -68,16 +63,14 @@ class Scope:
                 the frame of this scope.
         """
         where = self._describe(element)
-        state = self._states.get((element.tag, element.get("name")))
-        saved_pose = None if state is None else state.find("pose")
+        saved_pose = self._state(element).find("pose")
         if saved_pose is not None:
             # Gazebo Classic saves poses relative to the world.
             return read_pose(saved_pose, where)
 
         pose = element.find("pose")
-        reference = element.get("attached_to")
-        if element.tag == "joint":
-            reference = element.findtext("child")
+        # <child> is the link that a joint moves.
+        reference = element.get("attached_to") or element.findtext("child")
         if pose is not None:
             # `frame` is what SDF 1.6 called it.
             reference = pose.get("relative_to") or pose.get("frame") or reference
@@ -117,18 +110,21 @@ class Scope:
         if element in self._models:
             return self._models[element]
         where = self._describe(element)
-        state = self._states.get(("model", element.get("name")))
+        state = self._state(element)
         pose = self.locate(element)
         placement = element.get("placement_frame")
-        if placement and (state is None or state.find("pose") is None):
+        if placement and state.find("pose") is None:
             # The pose is the frame's; the model's follows from it.
-            at_origin = Scope(element, where, Transform(), None)
+            at_origin = Scope(element, where, Transform(), Element("state"))
             pose = pose @ at_origin.frame(placement).inverse()
 
-        text = None if state is None else state.findtext("scale")
-        scale = read_numbers(text or "1 1 1", 3, f"{where}: scale")
+        scale = read_numbers(state.findtext("scale", "1 1 1"), 3, f"{where}: scale")
         self._models[element] = Scope(element, where, pose, state), max(scale[:2])
         return self._models[element]
+
+    def _state(self, element: Element) -> Element:
+        """Return the saved state of a model or link, empty if there is none."""
+        return self._states.get((element.tag, element.get("name")), Element("state"))
 
     def _describe(self, element: Element) -> str:
         """Return path, model and an element in it as the beginning of a message."""
@@ -161,18 +157,17 @@ def read_pose(pose: Element | None, where: str) -> Transform:
 
     numbers = read_numbers(pose.text, count, f"{where}: pose")
     rotation = numbers[3:]
-    if not any(rotation):
-        # Nearly all poses in worlds have no rotation.
-        if count == 6:
-            return Transform(np.array(numbers[:3]))
-        raise WorldError(f"{where}: pose must not have a quaternion of length 0")
+    offset = np.array(numbers[:3])
     if count == 7:
-        matrix = quaternion_matrix(*rotation)
-    else:
-        if in_degrees:
-            rotation = np.deg2rad(rotation).tolist()
-        matrix = rotation_matrix(*rotation)
-    return Transform(np.array(numbers[:3]), matrix)
+        if not any(rotation):
+            raise WorldError(f"{where}: pose must not have a quaternion of length 0")
+        return Transform(offset, quaternion_matrix(*rotation))
+    if not any(rotation):
+        # Nearly all poses in worlds have no rotation, and this is faster.
+        return Transform(offset)
+    if in_degrees:
+        rotation = np.deg2rad(rotation).tolist()
+    return Transform(offset, rotation_matrix(*rotation))
 
 
 def read_numbers(text: str | None, count: int, where: str) -> list[float]:

@@ -75,9 +75,12 @@ def read_chassis(path: Path) -> tuple[dict[str, Any], str]:
     with convert_os_errors(ConfigError, path):
         content = read_at_most(path, LARGEST_URDF_BYTES)
     try:
-        if path.suffix == ".xacro" or b"<xacro:" in content:
-            content = _run_xacro(path)
-        links = _read_links(fromstring(content))
+        root = fromstring(content)
+        # What xacro makes keeps its comments, which may hold its tags.
+        tags = " ".join(str(element.tag) for element in root.iter())
+        if path.suffix == ".xacro" or "xacro}" in tags:
+            root = fromstring(_run_xacro(path))
+        links = _read_links(root)
         wheels, lack = _read_wheels(links)
         fields = _read_inertia(links) | wheels
         if "base_footprint" in links:
@@ -277,7 +280,9 @@ def _find_misplacement(links: dict[str, Link], name: str) -> str:
     while parent in links:
         joint = links[parent]
         is_turning = joint.joint_type in ("continuous", "revolute")
-        if is_turning and abs(joint.axis[2]) > _ALONG * np.linalg.norm(joint.axis):
+        is_upright = abs(joint.axis[2]) > _ALONG * np.linalg.norm(joint.axis)
+        # Exports may have wrong axes, but their names say what they are.
+        if is_turning and (is_upright or "steer" in parent.lower()):
             return f"is steered, by the joint of {parent!r:.60}"
         parent = joint.parent
     return ""

@@ -5,10 +5,12 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
+from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.files import dump_yaml, parse_yaml
 from barn_worlds.base.yaml_scalars import (
     CoreLoader,
     RosLoader,
+    TextLoader,
     parse_flag,
     parse_numbers,
 )
@@ -68,3 +70,9 @@ def test_numbers_and_flags_of_maps_may_be_quoted():
     expected = [0.05, 0.01, infinity, -infinity, [1.0, "x"], "1:2"]
     assert parse_numbers(values) == expected
     assert [parse_flag(text) for text in ("1", "yes", "Off", "x")] == [1, 1, 0, "x"]
+
+
+@pytest.mark.parametrize("loader", [CoreLoader, RosLoader, TextLoader])
+def test_a_key_that_occurs_twice_is_refused(loader, refused):
+    with refused(ConfigError, "^f: not YAML: key 'a' occurs twice; keep only one"):
+        parse_yaml("b: {a: 1, c: 2, a: 3}", "f", loader)

@@ -238,7 +238,14 @@ def test_cylinders_that_a_saved_scale_puts_off_the_grid_are_refused_by_its_name(
 
 
 @pytest.mark.parametrize(
-    "name", ["Sun", "Ground Plane/2", "Ground%20Plane/tip", "sun/", "ground_plane"]
+    "name",
+    [
+        "Sun",
+        "Ground Plane/2",
+        "Ground%20Plane/tip/files/model.sdf",
+        "sun/",
+        "ground_plane",
+    ],
 )
 def test_what_no_world_is_without_is_known_from_fuel(name):
     uri = f"https://fuel.gazebosim.org/1.0/OpenRobotics/models/{name}"
@@ -276,7 +283,10 @@ EXTERNAL = b'<!DOCTYPE x [<!ENTITY f SYSTEM "file:///etc/passwd">]><sdf><world>&
         (BOMB, "document types and entities are not allowed"),
         (EXTERNAL, "document types and entities are not allowed"),
         (b"<sdf><world/></sdf>", "contains no cylinders"),
-        (b"<html><world/></html>", "contains no cylinders"),
+        (
+            b"<gazebo><world/></gazebo>",
+            "must be <sdf> with one <world>, got <gazebo> with 1",
+        ),
         (
             document(model(pose="1 2 3")),
             "model 'm': pose must be 6 finite numbers, got '1 2 3'",
@@ -316,7 +326,7 @@ EXTERNAL = b'<!DOCTYPE x [<!ENTITY f SYSTEM "file:///etc/passwd">]><sdf><world>&
             document(model(attribute=" rotation_format='quat_xyzw' degrees='true'")),
             "must not have both degrees and quat_xyzw",
         ),
-        (b"<sdf><world/><world/></sdf>", "has 2 worlds"),
+        (b"<sdf><world/><world/></sdf>", "got <sdf> with 2"),
         (
             document(
                 *(f"<frame name='f{k}' attached_to='f{k + 1}'/>" for k in range(2000)),
