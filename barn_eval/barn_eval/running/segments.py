@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from barn_eval.results.bags.observed import ObservedDrive
+from barn_eval.results.bags.observed import Logged, ObservedDrive
 from barn_eval.results.run_file import WORLDS
 from barn_eval.trials.result import Outcome, format_trial_id
 from barn_eval.trials.spec import TrialSpec
@@ -90,9 +90,14 @@ def judge_segment(
     """
     drive = segment.drive
     origin, remarks = _place_poses(segment, spec)
+    jump = ""
+    for change in drive.clock_changes:
+        if segment.first < change < segment.end:
+            segment = replace(segment, end=change)
+            jump = _describe_change(*drive.poses[change - 1 : change + 1])
     readings = _take_readings(segment, origin)
     if len(readings) < 2:
-        raise BagError(f"{drive.path}: stamps of its poses do not increase")
+        raise BagError(f"{drive.path}: fewer than two of its stamps increase")
     trial = RunningTrial(spec)
     contacts = _find_contacts(segment, readings, operator_contacts_s)
     _replay(trial, segment, readings, contacts)
@@ -101,10 +106,8 @@ def judge_segment(
     verdict = trial.verdict
     if verdict is None:
         left_m = trial.referee.standing.goal_distance_m
-        verdict = trial.referee.fail(
-            Outcome.ENVIRONMENT_FAILED,
-            f"the bag ends {left_m:.2f} m from the goal, before a verdict",
-        )
+        end = f"the bag ends {left_m:.2f} m from the goal, before a verdict"
+        verdict = trial.referee.fail(Outcome.ENVIRONMENT_FAILED, jump or end)
     else:
         # What comes later does not matter.
         segment = replace(segment, end=used[-1] + 1)
@@ -128,6 +131,16 @@ def judge_segment(
         trajectory,
         remarks="; ".join(remarks),
         observed=ObservedTrial.of(spec.system, clearance_by, uncertainty_s),
+    )
+
+
+def _describe_change(last: Logged, first: Logged) -> str:
+    """Return text on a clock that was set between two poses."""
+    step_s = seconds(first.content.stamp_ns - last.content.stamp_ns)
+    logged_s = seconds(first.log_ns - last.log_ns)
+    return (
+        f"stamps of poses jump by {step_s:+.2f} s in {logged_s:.2f} s of the log: the"
+        " clock was set, so times are unknown"
     )
 
 
@@ -249,11 +262,14 @@ def _list_doubts(
     uncertainty_s = max(2.0 * period_s, gap_s)
     poses = segment.drive.poses[segment.first : segment.end]
     stamps_ns = np.array([pose.content.stamp_ns for pose in poses])
-    back_ns = int((np.maximum.accumulate(stamps_ns) - stamps_ns).max())
-    if back_ns:
-        doubts.append(f"stamps of poses go back by up to {seconds(back_ns):.2f} s")
-        uncertainty_s += seconds(back_ns)
     log_ns = segment.drive.log_times_ns[segment.first : segment.end]
+    places = np.searchsorted(log_ns, [pose.log_ns for pose in segment.drive.left_out])
+    places = places[(0 < places) & (places < len(log_ns))]
+    if len(places):
+        doubts.append(f"poses left out because of wrong stamps: {len(places)}")
+        # Where they are, the clock may have been set back a little.
+        lost_ns = (np.diff(log_ns) - np.diff(stamps_ns))[np.unique(places) - 1]
+        uncertainty_s += seconds(int(lost_ns.clip(0).sum()))
     logged_s = seconds(int(np.ptp(log_ns)))
     stamped_s = float(periods_s.sum())
     error_s = abs(logged_s - stamped_s)
