@@ -264,7 +264,7 @@ def _list_doubts(
     stamps_ns = np.array([pose.content.stamp_ns for pose in poses])
     log_ns = segment.drive.log_times_ns[segment.first : segment.end]
     places = np.searchsorted(log_ns, [pose.log_ns for pose in segment.drive.left_out])
-    places = places[(0 < places) & (places < len(log_ns))]
+    places = places[(places > 0) & (places < len(log_ns))]
     if len(places):
         doubts.append(f"poses left out because of wrong stamps: {len(places)}")
         # Where they are, the clock may have been set back a little.
