@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from barn_eval.results.bags.observed import Logged, ObservedDrive
+from barn_eval.results.bags.observed import ObservedDrive
 from barn_eval.results.run_file import WORLDS
 from barn_eval.trials.result import Outcome, format_trial_id
 from barn_eval.trials.spec import TrialSpec
@@ -90,11 +90,11 @@ def judge_segment(
     """
     drive = segment.drive
     origin, remarks = _place_poses(segment, spec)
-    jump = ""
-    for change in drive.clock_changes:
-        if segment.first < change < segment.end:
-            segment = replace(segment, end=change)
-            jump = _describe_change(*drive.poses[change - 1 : change + 1])
+    clocks = drive.clocks[segment.first : segment.end]
+    # Stamps of a clock that was set in the trial say nothing about its times.
+    later = np.flatnonzero(clocks > clocks[clocks >= 0].min(initial=clocks.max()))
+    if len(later):
+        segment = replace(segment, end=segment.first + int(later[0]))
     readings = _take_readings(segment, origin)
     if len(readings) < 2:
         raise BagError(f"{drive.path}: fewer than two of its stamps increase")
@@ -106,8 +106,17 @@ def judge_segment(
     verdict = trial.verdict
     if verdict is None:
         left_m = trial.referee.standing.goal_distance_m
-        end = f"the bag ends {left_m:.2f} m from the goal, before a verdict"
-        verdict = trial.referee.fail(Outcome.ENVIRONMENT_FAILED, jump or end)
+        detail = f"the bag ends {left_m:.2f} m from the goal, before a verdict"
+        if len(later):
+            stamps_ns = [
+                drive.poses[index].content.stamp_ns for index in (used[-1], segment.end)
+            ]
+            jump_s = seconds(stamps_ns[1] - stamps_ns[0])
+            detail = (
+                f"stamps of poses jump by {jump_s:+.2f} s: the clock was set, so times"
+                " are unknown"
+            )
+        verdict = trial.referee.fail(Outcome.ENVIRONMENT_FAILED, detail)
     else:
         # What comes later does not matter.
         segment = replace(segment, end=used[-1] + 1)
@@ -131,16 +140,6 @@ def judge_segment(
         trajectory,
         remarks="; ".join(remarks),
         observed=ObservedTrial.of(spec.system, clearance_by, uncertainty_s),
-    )
-
-
-def _describe_change(last: Logged, first: Logged) -> str:
-    """Return text on a clock that was set between two poses."""
-    step_s = seconds(first.content.stamp_ns - last.content.stamp_ns)
-    logged_s = seconds(first.log_ns - last.log_ns)
-    return (
-        f"stamps of poses jump by {step_s:+.2f} s in {logged_s:.2f} s of the log: the"
-        " clock was set, so times are unknown"
     )
 
 
@@ -211,7 +210,7 @@ def _replay(
 def _take_readings(segment: Segment, origin: Pose2D) -> dict[int, Odometry]:
     """Return true poses by index of the pose.
 
-    Poses whose stamps do not increase are left out. A twist that is not known follows
+    Poses whose stamps are wrong or repeated are left out. A twist that is not known follows
     from the pose before.
 
     Args:
@@ -223,7 +222,8 @@ def _take_readings(segment: Segment, origin: Pose2D) -> dict[int, Odometry]:
     for index in range(segment.first, segment.end):
         odometry: Odometry = segment.drive.poses[index].content
         stamp_ns = odometry.stamp_ns
-        if last is not None and stamp_ns <= last.stamp_ns:
+        is_wrong = segment.drive.clocks[index] < 0
+        if is_wrong or (last is not None and stamp_ns <= last.stamp_ns):
             continue
         pose = odometry.pose
         if origin != ORIGIN:
@@ -263,13 +263,14 @@ def _list_doubts(
     poses = segment.drive.poses[segment.first : segment.end]
     stamps_ns = np.array([pose.content.stamp_ns for pose in poses])
     log_ns = segment.drive.log_times_ns[segment.first : segment.end]
-    places = np.searchsorted(log_ns, [pose.log_ns for pose in segment.drive.left_out])
-    places = places[(places > 0) & (places < len(log_ns))]
-    if len(places):
-        doubts.append(f"poses left out because of wrong stamps: {len(places)}")
+    right = np.flatnonzero(segment.drive.clocks[segment.first : segment.end] >= 0)
+    jumps = np.diff(right) > 1
+    if jumps.any():
+        wrong = int(np.ptp(right)) + 1 - len(right)
+        doubts.append(f"poses left out because of wrong stamps: {wrong}")
         # Where they are, the clock may have been set back a little.
-        lost_ns = (np.diff(log_ns) - np.diff(stamps_ns))[np.unique(places) - 1]
-        uncertainty_s += seconds(int(lost_ns.clip(0).sum()))
+        lost_ns = np.diff(log_ns[right]) - np.diff(stamps_ns[right])
+        uncertainty_s += seconds(int(lost_ns[jumps].clip(0).sum()))
     logged_s = seconds(int(np.ptp(log_ns)))
     stamped_s = float(periods_s.sum())
     error_s = abs(logged_s - stamped_s)

@@ -41,32 +41,32 @@ class StampSeries:
         return True
 
 
-def split_by_clock(stamps_ns: Integers, arrivals_ns: Integers) -> list[list[int]]:
-    """Return the indices of stamps, split where the clock was set.
+def number_clocks(stamps_ns: Integers, arrivals_ns: Integers) -> Integers:
+    """Return for each stamp (n,) which clock it is of, counted from 0, or -1 if wrong.
 
-    Isolated stamps that do not fit are left out. If the first ones do not fit, they are.
+    Isolated stamps that do not fit are wrong, also the first ones.
 
     Args:
         stamps_ns: Stamps (n,) in the order of arrival.
-        arrivals_ns: Times (n,) of arrival by another clock, such as the log's.
+        arrivals_ns: Ascending times (n,) of arrival by another clock, such as the log's.
     """
-    # Each with the indices of its stamps.
-    clocks: list[tuple[StampSeries, list[int]]] = []
-    doubtful: tuple[StampSeries, list[int]] | None = None
-    # A recorder may write messages out of order.
-    arrivals_ns = np.maximum.accumulate(arrivals_ns)
+    clocks = np.full(len(stamps_ns), -1)
+    number = first = 0
+    series: StampSeries | None = None
+    doubtful: StampSeries | None = None
     for index, times in enumerate(np.column_stack([stamps_ns, arrivals_ns]).tolist()):
-        if clocks and clocks[-1][0].extend(*times):
-            clocks[-1][1].append(index)
+        if series is not None and series.extend(*times):
+            clocks[index] = number
             doubtful = None
             continue
-        if doubtful is not None and doubtful[0].extend(*times):
-            doubtful[1].append(index)
-        else:
-            doubtful = (StampSeries(*times), [index])
-        if not clocks or doubtful[0].shows_clock:
-            if clocks and not clocks[-1][0].shows_clock:
-                clocks.pop()
-            clocks.append(doubtful)
-            doubtful = None
-    return [indices for _, indices in clocks]
+        if doubtful is None or not doubtful.extend(*times):
+            doubtful = StampSeries(*times)
+            first = index
+        if series is None or doubtful.shows_clock:
+            if series is not None and series.shows_clock:
+                number += 1
+            else:
+                clocks[:] = -1
+            series = doubtful
+            clocks[first : index + 1] = number
+    return clocks

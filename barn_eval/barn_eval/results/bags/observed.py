@@ -17,7 +17,7 @@ from barn_eval.results.bags.decode import (
     read_mounts,
 )
 from barn_eval.results.bags.sources import Sources, TopicChoice
-from barn_eval.trials.stamps import split_by_clock
+from barn_eval.trials.stamps import number_clocks
 from barn_eval.trials.system import NO_CONTACT
 from barn_worlds.base.arrays import Integers
 from barn_worlds.base.errors import BagError, MessageError, format_error
@@ -50,10 +50,6 @@ class ObservedDrive:
     mounts: dict[str, Pose2D] = field(default_factory=dict)  # in base_link, by frame
     trial: dict[str, Any] = field(default_factory=dict)  # in bags of the suite
     problem: str = ""  # why the bag could not be read to its end
-    # Poses whose stamps do not fit those around them, and are not in `poses`.
-    left_out: list[Logged] = field(default_factory=list)
-    # Indices of the first poses after the clock was set.
-    clock_changes: list[int] = field(default_factory=list)
 
     @cached_property
     def log_times_ns(self) -> Integers:
@@ -61,6 +57,12 @@ class ObservedDrive:
         times_ns = np.array([pose.log_ns for pose in self.poses], np.int64)
         # A recorder may write messages out of order.
         return np.maximum.accumulate(times_ns)
+
+    @cached_property
+    def clocks(self) -> Integers:
+        """Number (n,) of the clock of each pose's stamp, -1 if the stamp is wrong."""
+        stamps_ns = np.array([pose.content.stamp_ns for pose in self.poses], np.int64)
+        return number_clocks(stamps_ns, self.log_times_ns)
 
     def index_at(self, log_ns: int) -> int:
         """Return the index of the last pose logged by a time, -1 if there is none."""
@@ -102,25 +104,7 @@ def read_observed_drive(path: Path, sources: Sources) -> ObservedDrive:
         drive.clock = "log"
         for number, (log_ns, pose, _) in enumerate(drive.poses):
             drive.poses[number] = Logged(log_ns, replace(pose, stamp_ns=log_ns))
-    _leave_out_wrong_stamps(drive)
     return drive
-
-
-def _leave_out_wrong_stamps(drive: ObservedDrive) -> None:
-    """Take out poses whose stamps are wrong, and note where the clock was set."""
-    poses = drive.poses
-    times_ns = np.array(
-        [(pose.content.stamp_ns, pose.log_ns) for pose in poses], np.int64
-    )
-    kept: list[int] = []
-    for indices in split_by_clock(*times_ns.T):
-        drive.clock_changes.append(len(kept))
-        kept += indices
-    # The first clock is no change.
-    del drive.clock_changes[0]
-    drive.poses = [poses[index] for index in kept]
-    wrong = sorted({*range(len(poses))} - {*kept})
-    drive.left_out = [poses[index] for index in wrong]
 
 
 def _find_chain(links: Iterable[tuple[str, str]], frames: Sequence[str]) -> list[str]:

@@ -16,7 +16,7 @@ from barn_eval.results.bags.decode import TOPICS, metadata
 from barn_eval.results.bags.messages import PUSHED_M
 from barn_eval.results.bags.movers import ROUNDING_S, RecordedMotions, compute_gaps
 from barn_eval.results.bags.sources import NO_SOURCES, Sources, TopicChoice
-from barn_eval.trials.stamps import split_by_clock
+from barn_eval.trials.stamps import number_clocks
 from barn_eval.trials.trajectory import compute_clearances
 from barn_worlds.base.arrays import Bools, Floats
 from barn_worlds.base.errors import BagError, BarnError, format_error
@@ -341,11 +341,12 @@ def _restamp(
     if not stamps_ns.any():
         return
     log_ns = np.array([row[0] for row in poses])
-    kept, *others = split_by_clock(stamps_ns, log_ns)
-    if others:
+    clocks = number_clocks(stamps_ns, log_ns)
+    if (clocks > 0).any():
         unreadable["stamps"] = "stamps of poses jump, so times are from the log"
         return
-    stamps_ns, log_ns = stamps_ns[kept], log_ns[kept]
+    stamps_ns = stamps_ns[clocks == 0]
+    log_ns = log_ns[clocks == 0]
     for rows in messages.values():
         # Other messages may have no stamp, so poses give their times.
         offsets = [row[0] - log_ns[0] for row in rows]
