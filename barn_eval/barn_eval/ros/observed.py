@@ -364,6 +364,8 @@ class ObservedQueue(TrialQueue):
         if self._wrong is None or not self._wrong.extend(stamp_ns, pose.sent_ns):
             self._wrong = StampSeries(stamp_ns, pose.sent_ns)
         if self._wrong.shows_clock:
+            # What has arrived by now is read once more, to be recorded.
+            self._wrong = None
             raise TrialEnded(
                 Outcome.ENVIRONMENT_FAILED,
                 f"stamps of {pose.topic} jump by {seconds(step_ns):+.2f} s: the clock"

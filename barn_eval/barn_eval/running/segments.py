@@ -108,10 +108,8 @@ def judge_segment(
         left_m = trial.referee.standing.goal_distance_m
         detail = f"the bag ends {left_m:.2f} m from the goal, before a verdict"
         if len(later):
-            stamps_ns = [
-                drive.poses[index].content.stamp_ns for index in (used[-1], segment.end)
-            ]
-            jump_s = seconds(stamps_ns[1] - stamps_ns[0])
+            stamp_ns = drive.poses[segment.end].content.stamp_ns
+            jump_s = seconds(stamp_ns - int(trajectory.stamps_ns[-1]))
             detail = (
                 f"stamps of poses jump by {jump_s:+.2f} s: the clock was set, so times"
                 " are unknown"
