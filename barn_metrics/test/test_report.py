@@ -44,7 +44,9 @@ def test_worlds_are_taken_one_by_one():
         yield arena
         raise AssertionError("the first world is refused, so no second one is needed")
 
-    with pytest.raises(WorldError, match="is an arena or .*; metrics and difficulty need"):
+    with pytest.raises(
+        WorldError, match=r"is an arena or .*; metrics and difficulty need"
+    ):
         metrics_table(two_worlds())
 
 

@@ -48,6 +48,7 @@ from barn_eval.results.store import LOGS, TrialRecord
 from barn_eval.trials.result import ENVIRONMENT, SIMULATOR, Rows, TrialResult
 from barn_eval.trials.run_config import UNKNOWN_SOURCE, ExecutionConfig, RunConfig
 from barn_eval.trials.spec import TrialSpec
+from barn_eval.trials.system import ObservedTrial
 from barn_worlds.base.errors import ConfigError, StoreError, convert_os_errors
 from barn_worlds.base.files import PARTIAL_SUFFIX, remove_partial_files
 from barn_worlds.formats.dataset_file import write_dataset_file
@@ -361,7 +362,7 @@ def require_world_of_trial(result: TrialResult, spec: TrialSpec, path: Path) -> 
 def require_row_of_trial(
     result: TrialResult, spec: TrialSpec, run_file: RunFile
 ) -> None:
-    """Raise ConfigError if a row's mode, numbers, planner, seeds or task are wrong.
+    """Raise ConfigError if a row's mode, system, planner, seeds or task are wrong.
 
     The message names the first wrong field.
 
@@ -371,7 +372,16 @@ def require_row_of_trial(
         run_file: The run.json of its folder.
     """
     path = run_file.path.parent
+    observed = ObservedTrial.of(spec.system, "", None)
+    if observed is not None and result.observed is not None:
+        observed = replace(
+            observed,
+            clearance_by=result.observed.clearance_by,
+            time_uncertainty_s=result.observed.time_uncertainty_s,
+        )
     columns = {
+        # Nothing of an observed trial is driven again.
+        "observed": observed,
         # The mode decides what a trial must have besides its row, such as commands.
         "mode": run_file.config.get("mode"),
         "world": spec.world_number,

@@ -25,6 +25,7 @@ from barn_eval.ros.subscriber import Subscriber, TrialQueue
 from barn_eval.trials.result import SIMULATOR, Outcome
 from barn_eval.trials.ros_config import EvaluatorConfig
 from barn_eval.trials.spec import TrialSpec
+from barn_eval.trials.stamps import StampSeries
 from barn_eval.trials.system import OPERATOR
 from barn_eval.trials.system_file import INTERFACES, SystemFile
 from barn_worlds.base.errors import BarnError, ConfigError
@@ -32,7 +33,6 @@ from barn_worlds.base.types import ORIGIN, Odometry, Pose2D, seconds
 from barn_worlds.messages import decode
 
 _FARTHEST_START_M = 0.5
-_LARGEST_JUMP_S = 1.0  # of a robot's clock against the evaluator's
 _OPERATOR_LIMIT_S = 24 * 3600.0
 _RESULT_OK = 1  # of simulation_interfaces/msg/Result
 # What the operator may say, by a key with its first letter or a service.
@@ -325,6 +325,9 @@ class ObservedQueue(TrialQueue):
         self.longest_gap_ns = 0
         self._system = system
         self._arrival_ns = 0
+        # Stamps so far, and since then those that do not fit, if any.
+        self._stamps: StampSeries | None = None
+        self._wrong: StampSeries | None = None
 
     def read(self) -> None:
         """Take the messages that have arrived, in the order of arrival."""
@@ -334,23 +337,44 @@ class ObservedQueue(TrialQueue):
         for message in messages:
             self._take(message)
 
-    def _read_time(self, message: Message) -> int:
-        """Return a pose's time, note the longest gap; TrialEnded if the clock jumps."""
-        file = self._system.file
-        stamp_ns = message.sent_ns
-        if file.clock == "stamps":
-            stamp_ns = decode.odometry(message.data).stamp_ns
+    def _take(self, message: Message) -> None:
+        """Take a message, unless it is a pose of the trial whose stamp is wrong."""
+        is_pose = message.topic == self._topics.clock
+        if message.sent_ns < self._reset_ns or not is_pose or self._accepts(message):
+            super()._take(message)
+
+    def _accepts(self, pose: Message) -> bool:
+        """Return whether a pose's stamp fits; TrialEnded if the clock was set."""
+        stamp_ns = self._read_time(pose)
+        if self._stamps is None:
+            self._stamps = StampSeries(stamp_ns, pose.sent_ns)
+            self._arrival_ns = pose.sent_ns
+            return True
         step_ns = stamp_ns - self.now_ns
-        if self.ticks:
-            jump_s = seconds(step_ns - (message.sent_ns - self._arrival_ns))
-            # A simulator may run at any pace.
-            is_jump = file.kind == "robot" and abs(jump_s) > _LARGEST_JUMP_S
-            if step_ns < 0 or is_jump:
-                raise TrialEnded(
-                    Outcome.ENVIRONMENT_FAILED,
-                    f"stamps of {message.topic} jump by {jump_s:+.2f} s: the clock was"
-                    " set, so times are unknown",
-                )
-            self.longest_gap_ns = max(self.longest_gap_ns, step_ns)
-        self._arrival_ns = message.sent_ns
-        return stamp_ns
+        arrival_step_ns = pose.sent_ns - self._arrival_ns
+        if self._stamps.extend(stamp_ns, pose.sent_ns):
+            gap_ns = step_ns
+            # A wrong stamp before may have hidden that the clock was set a little.
+            if self._wrong is not None:
+                gap_ns = max(step_ns, arrival_step_ns)
+            self.longest_gap_ns = max(self.longest_gap_ns, gap_ns)
+            self._wrong = None
+            self._arrival_ns = pose.sent_ns
+            return True
+        if self._wrong is None or not self._wrong.extend(stamp_ns, pose.sent_ns):
+            self._wrong = StampSeries(stamp_ns, pose.sent_ns)
+        if self._wrong.shows_clock:
+            # What has arrived by now is read once more, to be recorded.
+            self._wrong = None
+            raise TrialEnded(
+                Outcome.ENVIRONMENT_FAILED,
+                f"stamps of {pose.topic} jump by {seconds(step_ns):+.2f} s: the clock"
+                " was set, so times are unknown",
+            )
+        return False
+
+    def _read_time(self, message: Message) -> int:
+        """Return a pose's time, by its stamp or its arrival."""
+        if self._system.file.clock == "stamps":
+            return decode.odometry(message.data).stamp_ns
+        return message.sent_ns

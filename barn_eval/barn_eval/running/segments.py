@@ -90,9 +90,14 @@ def judge_segment(
     """
     drive = segment.drive
     origin, remarks = _place_poses(segment, spec)
+    clocks = drive.clocks[segment.first : segment.end]
+    # Stamps of a clock that was set in the trial say nothing about its times.
+    later = np.flatnonzero(clocks > clocks[clocks >= 0].min(initial=clocks.max()))
+    if len(later):
+        segment = replace(segment, end=segment.first + int(later[0]))
     readings = _take_readings(segment, origin)
     if len(readings) < 2:
-        raise BagError(f"{drive.path}: stamps of its poses do not increase")
+        raise BagError(f"{drive.path}: fewer than two of its stamps increase")
     trial = RunningTrial(spec)
     contacts = _find_contacts(segment, readings, operator_contacts_s)
     _replay(trial, segment, readings, contacts)
@@ -101,10 +106,15 @@ def judge_segment(
     verdict = trial.verdict
     if verdict is None:
         left_m = trial.referee.standing.goal_distance_m
-        verdict = trial.referee.fail(
-            Outcome.ENVIRONMENT_FAILED,
-            f"the bag ends {left_m:.2f} m from the goal, before a verdict",
-        )
+        detail = f"the bag ends {left_m:.2f} m from the goal, before a verdict"
+        if len(later):
+            stamp_ns = drive.poses[segment.end].content.stamp_ns
+            jump_s = seconds(stamp_ns - int(trajectory.stamps_ns[-1]))
+            detail = (
+                f"stamps of poses jump by {jump_s:+.2f} s: the clock was set, so times"
+                " are unknown"
+            )
+        verdict = trial.referee.fail(Outcome.ENVIRONMENT_FAILED, detail)
     else:
         # What comes later does not matter.
         segment = replace(segment, end=used[-1] + 1)
@@ -196,9 +206,10 @@ def _replay(
 
 
 def _take_readings(segment: Segment, origin: Pose2D) -> dict[int, Odometry]:
-    """Return readings in the world's frame by pose index, where stamps increase.
+    """Return readings in the world's frame by pose index, where stamps are right.
 
-    A twist that is not known follows from the pose before.
+    Poses whose stamps are wrong or repeated are left out. A twist that is not known
+    follows from the pose before.
 
     Args:
         segment: The segment.
@@ -209,7 +220,8 @@ def _take_readings(segment: Segment, origin: Pose2D) -> dict[int, Odometry]:
     for index in range(segment.first, segment.end):
         odometry: Odometry = segment.drive.poses[index].content
         stamp_ns = odometry.stamp_ns
-        if last is not None and stamp_ns <= last.stamp_ns:
+        is_wrong = segment.drive.clocks[index] < 0
+        if is_wrong or (last is not None and stamp_ns <= last.stamp_ns):
             continue
         pose = odometry.pose
         if origin != ORIGIN:
@@ -248,11 +260,15 @@ def _list_doubts(
     uncertainty_s = max(2.0 * period_s, gap_s)
     poses = segment.drive.poses[segment.first : segment.end]
     stamps_ns = np.array([pose.content.stamp_ns for pose in poses])
-    back_ns = int((np.maximum.accumulate(stamps_ns) - stamps_ns).max())
-    if back_ns:
-        doubts.append(f"stamps of poses go back by up to {seconds(back_ns):.2f} s")
-        uncertainty_s += seconds(back_ns)
     log_ns = segment.drive.log_times_ns[segment.first : segment.end]
+    right = np.flatnonzero(segment.drive.clocks[segment.first : segment.end] >= 0)
+    jumps = np.diff(right) > 1
+    if jumps.any():
+        wrong = int(np.ptp(right)) + 1 - len(right)
+        doubts.append(f"poses left out because of wrong stamps: {wrong}")
+        # Where they are, the clock may have been set back a little.
+        lost_ns = np.diff(log_ns[right]) - np.diff(stamps_ns[right])
+        uncertainty_s += seconds(int(lost_ns[jumps].clip(0).sum()))
     logged_s = seconds(int(np.ptp(log_ns)))
     stamped_s = float(periods_s.sum())
     error_s = abs(logged_s - stamped_s)

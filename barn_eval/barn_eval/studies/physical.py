@@ -373,5 +373,5 @@ def draw_finding(finding: PhysicalFinding) -> Figure:
     )
     axes.plot(ends, ends, color=INK, lw=1.0, ls="--", label="measured as predicted")
     label_axes(axes, "predicted difficulty [s/m]", "measured difficulty [s/m]")
-    axes.legend(loc="upper left")
+    axes.legend(loc="best")
     return figure

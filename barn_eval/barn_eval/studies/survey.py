@@ -61,10 +61,11 @@ class Survey:
         table["off_mm"] = np.hypot(dx_mm, dy_mm)
         table["error_mm"] = 1000.0 * self.errors_m
         table["returns"] = self.returns
-        # The last reason that applies is kept.
+        # A few returns may be of a neighbor. The last reason that applies is kept.
         table["unsure"] = ""
         for reason, is_unsure in (
             ("seen too little", table.error_mm > _LARGEST_ERROR_MM),
+            ("seen too little", table.returns < _LEAST_RETURNS),
             ("too far off to identify", table.off_mm > _FARTHEST_MM),
             ("not seen", table.returns == 0),
         ):

@@ -145,6 +145,16 @@ def test_what_is_no_experiment_is_refused_in_one_line(tmp_path, text, message):
         RunFile.read(tmp_path).run_config()
 
 
+OBSERVED = {
+    "system": "lab",
+    "pose_source": "/odom",
+    "clock": "stamps",
+    "contact_source": "none",
+    "clearance_by": "",
+    "time_uncertainty_s": None,
+}
+
+
 @pytest.mark.parametrize(
     ("name", "value", "message"),
     [
@@ -152,6 +162,7 @@ def test_what_is_no_experiment_is_refused_in_one_line(tmp_path, text, message):
         ("simulator_seed", 7, "gap_w0000_r00 has simulator_seed 7, must have "),
         ("planner_seed", 7, "gap_w0000_r00 has planner_seed 7, must have "),
         ("repetition", 7, "gap_w0000_r00 has repetition 7, must have 0"),
+        ("observed", OBSERVED, r"has observed ObservedTrial.*, must have None"),
         ("task", "0" * 12, r"was run as task 000000000000, but run\.json describes"),
         (
             "trial_id",

@@ -249,8 +249,8 @@ def test_what_is_doubtful_is_said_and_enters_the_uncertainty(judge_changed):
 
     row = judge_changed(change)
     assert "no pose for 1.0" in row.remarks
-    assert "stamps of poses go back by up to 1.95 s" in row.remarks
-    assert row.observed.time_uncertainty_s > 2.9
+    assert "wrong stamps: 3" in row.remarks
+    assert 1.0 < row.observed.time_uncertainty_s < 1.5
 
     def twice(content):
         content.twist.twist.linear.x *= 2.0
@@ -258,6 +258,80 @@ def test_what_is_doubtful_is_said_and_enters_the_uncertainty(judge_changed):
     row = judge_changed(of_odometry(twice), "fast/gap_w0120_r00")
     assert "stamps may not be the robot's" in row.remarks
     assert row.observed.time_uncertainty_s > row.scores.duration_s / 2.0
+
+
+def stamped(shift_s):
+    """A change of the stamps of odometry, by a function of the time in s."""
+
+    def change(message):
+        def shift(content):
+            stamp = content.header.stamp
+            stamp_s = shift_s(message.stamp_ns / 1e9)
+            shifted_ns = stamp.nanosec + round(1e9 * stamp_s)
+            stamp.sec += shifted_ns // 10**9
+            stamp.nanosec = shifted_ns % 10**9
+
+        return edited(message, shift) if message.topic == "/odom" else kept(message)
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("shift_s", "count"),
+    [
+        (lambda at_s: 10**9 * (at_s == 3.0), 1),
+        (lambda at_s: -3600 * (at_s == 3.0), 1),
+        (lambda at_s: 3600 * (at_s == 0.0), 0),
+        (lambda at_s: -3600 * (at_s < 0.2), 0),
+        (lambda at_s: 5 * (3.0 < at_s < 3.4), 7),
+        (lambda at_s: 7200 * (round(20 * at_s) % 7 == 3), 12),
+    ],
+)
+def test_isolated_wrong_stamps_change_no_verdict(
+    judge_changed, expected, shift_s, count
+):
+    row = judge_changed(stamped(shift_s))
+    assert row.outcome is Outcome.SUCCESS
+    error_s = row.scores.traversal_time_s - expected.scores.traversal_time_s
+    assert abs(error_s) <= row.observed.time_uncertainty_s < 1.0
+    assert f"wrong stamps: {count}" in row.remarks or not count
+
+
+@pytest.mark.parametrize("shift_s", [-0.5, 0.9, 2])
+def test_a_clock_set_a_little_makes_times_uncertain(judge_changed, expected, shift_s):
+    row = judge_changed(stamped(lambda at_s: shift_s * (at_s >= 3.0)))
+    error_s = abs(row.scores.traversal_time_s - expected.scores.traversal_time_s)
+    assert error_s == pytest.approx(abs(shift_s), abs=0.1)
+    assert error_s <= row.observed.time_uncertainty_s
+    assert "wrong stamps" in row.remarks or "no pose for" in row.remarks
+
+
+@pytest.mark.parametrize("shift_s", [10**9, 30, 5, -2, -3600])
+def test_a_clock_that_is_set_leaves_no_verdict_but_an_earlier_one(
+    judge_changed, expected, shift_s
+):
+    row = judge_changed(stamped(lambda at_s: shift_s * (at_s >= 3.0)))
+    assert row.outcome is Outcome.ENVIRONMENT_FAILED
+    assert f"jump by {shift_s + 0.05:+.2f} s: the clock was set" in row.detail
+    end_s = expected.scores.duration_s
+    row = judge_changed(
+        stamped(lambda at_s: shift_s * (at_s > end_s)), "later/gap_w0120_r00"
+    )
+    assert row.scores == expected.scores
+
+
+def test_a_clock_set_where_the_log_is_written_leaves_no_verdict(judge_changed):
+    ahead = stamped(lambda at_s: 60 * (at_s >= 3.0))
+
+    def change(message):
+        message = ahead(message)
+        if message and message.stamp_ns >= 3 * 10**9:
+            return replace(message, stamp_ns=message.stamp_ns + 60 * 10**9)
+        return message
+
+    row = judge_changed(change)
+    assert row.outcome is Outcome.ENVIRONMENT_FAILED
+    assert "jump by +60.05 s: the clock was set" in row.detail
 
 
 def test_a_log_without_stamps_gives_the_times(judge_changed, expected):

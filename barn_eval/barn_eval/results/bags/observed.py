@@ -17,6 +17,7 @@ from barn_eval.results.bags.decode import (
     read_mounts,
 )
 from barn_eval.results.bags.sources import Sources, TopicChoice
+from barn_eval.trials.stamps import number_clocks
 from barn_eval.trials.system import NO_CONTACT
 from barn_worlds.base.arrays import Integers
 from barn_worlds.base.errors import BagError, MessageError, format_error
@@ -56,6 +57,12 @@ class ObservedDrive:
         times_ns = np.array([pose.log_ns for pose in self.poses], np.int64)
         # A recorder may write messages out of order.
         return np.maximum.accumulate(times_ns)
+
+    @cached_property
+    def clocks(self) -> Integers:
+        """Number (n,) of the clock of each pose's stamp, -1 if the stamp is wrong."""
+        stamps_ns = np.array([pose.content.stamp_ns for pose in self.poses], np.int64)
+        return number_clocks(stamps_ns, self.log_times_ns)
 
     def index_at(self, log_ns: int) -> int:
         """Return the index of the last pose logged by a time, -1 if there is none."""

@@ -16,6 +16,7 @@ from barn_eval.results.bags.decode import TOPICS, metadata
 from barn_eval.results.bags.messages import PUSHED_M
 from barn_eval.results.bags.movers import ROUNDING_S, RecordedMotions, compute_gaps
 from barn_eval.results.bags.sources import NO_SOURCES, Sources, TopicChoice
+from barn_eval.trials.stamps import number_clocks
 from barn_eval.trials.trajectory import compute_clearances
 from barn_worlds.base.arrays import Bools, Floats
 from barn_worlds.base.errors import BagError, BarnError, format_error
@@ -329,20 +330,23 @@ def _restamp(
     poses: list[tuple[int, str, Any]],
     unreadable: dict[str, str],
 ) -> None:
-    """Replace log times by the robot's, unless poses' stamps are missing or go back.
+    """Replace log times by the robot's, unless poses have none or their clock was set.
 
     Args:
         messages: Rows of time, frame and content by topic, in order; changed in place.
         poses: The rows of the poses.
-        unreadable: Receives a text if stamps go back and log times are kept.
+        unreadable: Receives a text if the clock was set and log times are kept.
     """
     stamps_ns = np.array([pose.stamp_ns for _, _, pose in poses], np.int64)
     if not stamps_ns.any():
         return
-    if (np.diff(stamps_ns) < 0).any():
-        unreadable["stamps"] = "stamps of poses go back, so times are from the log"
-        return
     log_ns = np.array([row[0] for row in poses])
+    clocks = number_clocks(stamps_ns, log_ns)
+    if (clocks > 0).any():
+        unreadable["stamps"] = "stamps of poses jump, so times are from the log"
+        return
+    stamps_ns = stamps_ns[clocks == 0]
+    log_ns = log_ns[clocks == 0]
     for rows in messages.values():
         # Other messages may have no stamp, so poses give their times.
         offsets = [row[0] - log_ns[0] for row in rows]
