@@ -328,8 +328,7 @@ class SimulatorNodeConfig(Checked):
     )
     planner_rate_hz: float = quantity(
         0.0,
-        "in lockstep: rate of the commands to wait for; 0: one command after each"
-        " scan, or the measured rate",
+        "in lockstep: rate of the commands to wait for; 0: one command after each scan, or the measured rate",
         "Hz",
         0.0,
         1000.0,

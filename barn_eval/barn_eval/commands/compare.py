@@ -56,9 +56,8 @@ from barn_worlds.base.errors import ExitCode
     "margin_texts",
     multiple=True,
     metavar="MEASURE:MARGIN",
-    help="Exit with 0 only if the data show that B is worse than A by at most"
-    " MARGIN. MARGIN is a number, as in challenge:0.01, or a percentage of A's"
-    " mean, as in compute_p95_ms:10%; repeatable.",
+    help="Exit with 0 only if the data show that B is worse than A by at most MARGIN. MARGIN is a number, as in"
+    " challenge:0.01, or a percentage of A's mean, as in compute_p95_ms:10%; repeatable.",
 )
 @json_option
 def command(
@@ -137,15 +136,13 @@ _ABOVE_ZERO = click.FloatRange(0.0, min_open=True)
 @click.option(
     "--difference",
     type=_ABOVE_ZERO,
-    help="Difference between two planners to detect in 8 of 10 runs [default: 5 % of"
-    " the first planner's mean].",
+    help="Difference between two planners to detect in 8 of 10 runs [default: 5 % of the first planner's mean].",
 )
 @click.option(
     "--measure",
     default="",
     show_default=False,
-    help="Measure, a column of the results [default: the ranking measure of the"
-    " protocol].",
+    help="Measure, a column of the results [default: the ranking measure of the protocol].",
 )
 @count_option("--repetitions", help="Trials per world [default: 1, 2, 3, 5 and 10].")
 @json_option

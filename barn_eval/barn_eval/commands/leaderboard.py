@@ -60,7 +60,9 @@ def command(
     """
     if convention is not None:
         if by or out or worlds != "all":
-            raise click.UsageError("--convention takes no --by, --out or --worlds")
+            raise click.UsageError(
+                "--convention cannot be used with --by, --out or --worlds"
+            )
         rules = CONVENTIONS[convention]
         places = rank_by_convention(folders, rules)
         table = convention_table(places, convention)

@@ -237,8 +237,7 @@ run_option = click.option(
     multiple=True,
     metavar="KEY=VALUE",
     callback=_parse_run_options,
-    help="Any other key of a barn run file, such as dataset, repetitions, seed, workers or"
-    " ros.lockstep; repeatable.",
+    help="Any other key of a barn run file, such as dataset, repetitions, seed, workers or ros.lockstep; repeatable.",
 )
 
 
@@ -263,10 +262,7 @@ def _read_course(text: str) -> tuple[float, ...]:
 _course_option = partial(
     click.option, "--course", type=_read_course, metavar="X,Y,YAW:X,Y"
 )
-_COURSE_HELP = (
-    "Start and goal in every world, in m and rad [default: from the world or, if it"
-    " has none, from the protocol]"
-)
+_COURSE_HELP = "Start and goal in every world, in m and rad [default: those of the world, otherwise those of the protocol]"
 course_option = _course_option(help=f"{_COURSE_HELP}.")
 courses_option = _course_option(
     multiple=True,

@@ -46,8 +46,7 @@ class ReportSettings(Checked):
 @path_option(
     "-o",
     "--out",
-    help="File for the page [default: report.html in FOLDER or, for several folders, in the"
-    " current folder].",
+    help="File for the page [default: report.html in FOLDER or, for several folders, in the current folder].",
 )
 @flag_option("--open", "is_opened", help="Open the page in a browser.")
 @click.option(

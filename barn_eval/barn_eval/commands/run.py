@@ -81,8 +81,7 @@ _EXECUTION = ExecutionConfig()
 @click.option(
     "--protocol",
     type=PROTOCOL,
-    help="Protocol: challenge, dynabarn, known_map, paper2020 or a YAML file [default:"
-    " challenge].",
+    help="Protocol: challenge, dynabarn, known_map, paper2020 or a YAML file [default: challenge].",
 )
 @click.option(
     "--robot",
@@ -98,9 +97,8 @@ _EXECUTION = ExecutionConfig()
     "--planner-command",
     multiple=True,
     metavar="[NAME=]COMMAND",
-    help="Command that starts your own planner (mode ros); repeatable. {goal_x}, {goal_y},"
-    " {goal_yaw} and {frame} are replaced by the trial's goal [default NAME: the"
-    " script's name].",
+    help="Command that starts your own planner (mode ros); repeatable. {goal_x}, {goal_y}, {goal_yaw} and"
+    " {frame} are replaced by the trial's goal [default NAME: the script's name].",
 )
 @click.option(
     "--planner-package",
@@ -113,14 +111,12 @@ _EXECUTION = ExecutionConfig()
     "--planner-input",
     multiple=True,
     metavar="[NAME=]TEXT",
-    help="Text for the planner's standard input, with the placeholders of"
-    " --planner-command; \\n ends a line.",
+    help="Text for the planner's standard input, with the placeholders of --planner-command; \\n ends a line.",
 )
 @parameters_option(
     "--set",
     "settings",
-    "Parameter of a planner (barn planners NAME lists them); omit PLANNER if there is"
-    " only one planner",
+    "Parameter of a planner (barn planners NAME lists them); omit PLANNER if there is only one planner",
     metavar="[PLANNER.]KEY=VALUE",
 )
 @click.option(
@@ -139,8 +135,7 @@ _EXECUTION = ExecutionConfig()
 @parameters_option(
     "--execution",
     "execution",
-    "How trials are executed; only the key compute (declared or measured) changes"
-    " results",
+    "How trials are executed; only the key compute (declared or measured) changes results",
     _EXECUTION,
 )
 @field_option(_EXECUTION, "workers", default="one per processor", short="-w")
@@ -196,7 +191,7 @@ def command(
         name: value for name, value in values.items() if value not in (None, (), {})
     }
     if latency and sweep:
-        raise click.UsageError("--latency is a sweep itself and excludes --sweep")
+        raise click.UsageError("--latency and --sweep cannot be used together")
     if latency:
         # A latency study is a sweep over one key that no planner has.
         sweep = (f"{LATENCY}={latency}",)
@@ -205,8 +200,8 @@ def command(
         has_course = bool(options.keys() & {"course", "simulator"})
         if file or sweep or overwrite or dry_run or view or has_course:
             raise click.UsageError(
-                "--system excludes FILE, --sweep, --latency, --overwrite, --dry-run,"
-                " --view, --course and --sim"
+                "--system cannot be used with FILE, --sweep, --latency, --overwrite,"
+                " --dry-run, --view, --course or --sim"
             )
         return _run_observed(system, options, as_json, show_all)
 
@@ -215,7 +210,7 @@ def command(
     parameters = read_sweep(file, sweep)
     if parameters:
         if dry_run or view:
-            raise click.UsageError("a sweep excludes --dry-run and --view")
+            raise click.UsageError("a sweep cannot be used with --dry-run or --view")
         return _run_settings(
             grid(request, parameters),
             run_reporter,

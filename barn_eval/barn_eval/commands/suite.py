@@ -30,8 +30,7 @@ from barn_eval.studies.reproduction.findings import ReproduceConfig
 @path_argument("folders", nargs=-1)
 @flag_option(
     "--physical",
-    help="Instead, plot the difficulty measured in FOLDERS over the model's prediction"
-    " (Fig. 8).",
+    help="Instead, plot the difficulty measured in FOLDERS over the model's prediction (Fig. 8).",
 )
 @flag_option(
     "--quick",
@@ -63,7 +62,7 @@ def reproduce(folders: tuple[Path, ...], physical: bool, **options: Any) -> None
     the same worlds.
     """
     if physical != bool(folders):
-        raise click.UsageError("--physical takes FOLDERS, and FOLDERS take --physical")
+        raise click.UsageError("--physical and FOLDERS must be used together")
     if physical:
         out = options["out"] or "out/physical"
         print_notes(suite.reproduce_physical(folders, out))

@@ -151,8 +151,7 @@ def show_list(source: str | None, select: str, as_json: bool) -> None:
 @click.option(
     "--robot",
     type=ROBOT,
-    help="Robot whose C-space and path are measured: a name or a YAML file [default: the"
-    " worlds' robot].",
+    help="Robot whose C-space and path are measured: a name or a YAML file [default: the worlds' robot].",
 )
 @json_option
 def metrics(

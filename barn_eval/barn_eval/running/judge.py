@@ -64,8 +64,7 @@ class JudgeOptions(Checked):
     )
     pose: str = quantity(
         "",
-        "topic of poses, or frames of tf, such as /tf:odom.base_link; by default the"
-        " odometry topic",
+        "topic of poses, or frames of tf, such as /tf:odom.base_link; by default the odometry topic",
     )
     frame: str = quantity(
         "auto",
@@ -145,7 +144,7 @@ def judge(
     system = min(systems, key=str)
     if len(systems) > 1:
         examples = "; ".join(f"{path} of {of.label}" for of, path in systems.items())
-        raise BagError(f"{examples}: judge each system into a folder of its own")
+        raise BagError(f"{examples}: judge each system into its own folder")
     segments: list[Segment] = []
     for number, drive in enumerate(drives):
         for segment in _split(drive):
@@ -273,8 +272,7 @@ def _plan(
     datasets = sorted({segment.dataset for segment in segments})
     if len(datasets) > 1:
         raise ConfigError(
-            f"bags are of several data sets, {', '.join(datasets)}: judge each into"
-            " a folder of its own"
+            f"bags are of several data sets, {', '.join(datasets)}: judge each into its own folder"
         )
     worlds = None
     protocol = load_protocol(options.protocol)

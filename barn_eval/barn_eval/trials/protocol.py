@@ -115,7 +115,7 @@ class PoseRule(Checked):
         for axis, anchor in (("x", self.anchor_x), ("y", self.anchor_y)):
             if anchor not in anchors:
                 raise ConfigError(
-                    f"anchor_{axis}: a start cannot be counted from {anchor!r}"
+                    f"anchor_{axis}: a start cannot be relative to {anchor!r}"
                 )
         x = anchors[self.anchor_x][0] + self.x_m
         y = anchors[self.anchor_y][1] + self.y_m
@@ -219,8 +219,7 @@ class Protocol(Checked):
     )
     look_period_s: float = optional(
         0.0,
-        "simulated time between two checks of the robot by the referee; 0: every"
-        " reading is checked",
+        "simulated time between two checks of the robot by the referee; 0: every reading is checked",
         "s",
         0.0,
         10.0,
@@ -238,9 +237,8 @@ class Protocol(Checked):
     )
     own_limit: float = optional(
         3.0,
-        "factor on the time that the path of a world's own course takes at a quarter"
-        " of the reference speed (or at the robot's top speed, if lower); the limit is"
-        " at least this product; 0: the limit is limit_s",
+        "factor on the time that the path of a world's own course takes at a quarter of the reference speed (or at"
+        " the robot's top speed, if lower); the limit is at least this product; 0: the limit is limit_s",
         "",
         0.0,
         1000.0,
@@ -252,8 +250,7 @@ class Protocol(Checked):
     )
     clear_start_s: float = optional(
         0.0,
-        "with a random start time: time for which no moving obstacle reaches a robot"
-        " that waits at its start",
+        "with a random start time: time for which no moving obstacle reaches a robot that waits at its start",
         "s",
         0.0,
         1000.0,
@@ -290,8 +287,7 @@ class Protocol(Checked):
         if world.start is not None and world.goal is not None:
             if self.historical_map:
                 raise ConfigError(
-                    f"{where}has a start and goal of its own, but protocol {self.name}"
-                    " sets both by its rules"
+                    f"{where}has its own start and goal, but protocol {self.name} sets both by its rules"
                 )
             distance_m = world.start.distance(world.goal)
             if distance_m <= self.goal_distance_m:
@@ -506,8 +502,7 @@ def check_protocol_name(protocol: Protocol, where: str = "") -> None:
     for item in fields(Protocol):
         if getattr(built_in, item.name) != getattr(protocol, item.name):
             raise ConfigError(
-                f"{where}name: {protocol.name!r} is built in with another {item.name};"
-                " give this one a name of its own"
+                f"{where}name: {protocol.name!r} is built in with another {item.name}; choose another name"
             )
 
 

@@ -109,8 +109,7 @@ class PlannerLink(Checked):
     )
     lifecycle_nodes: tuple[str, ...] = quantity(
         (),
-        "names of lifecycle nodes that must be active before a trial, such as"
-        " bt_navigator",
+        "names of lifecycle nodes that must be active before a trial, such as bt_navigator",
     )
     required_inputs: tuple[str, ...] = quantity(
         ("scan", "odom", "goal_pose"),
@@ -125,8 +124,7 @@ class PlannerLink(Checked):
     )
     planner_rate_hz: float = quantity(
         0.0,
-        "rate of the planner's commands that lockstep waits for; 0: one command per"
-        " scan, or the measured rate",
+        "rate of the planner's commands that lockstep waits for; 0: one command per scan, or the measured rate",
         "Hz",
         0.0,
         1000.0,
@@ -161,8 +159,7 @@ class RosConfig(PlannerLink):
     )
     remap: tuple[str, ...] = quantity(
         (),
-        "topics to rename in simulator and evaluator, as FROM:=TO for several topics"
-        " or remap.FROM=TO for one topic",
+        "topics to rename in simulator and evaluator, as FROM:=TO for several topics or remap.FROM=TO for one topic",
     )
     base_frame: str = quantity("base_link", "frame of the robot")
     lidar_frame: str = quantity("lidar_link", "frame of the scans")
@@ -172,8 +169,7 @@ class RosConfig(PlannerLink):
     )
     isolate: bool = quantity(
         True,
-        "whether the planner's processes can see and signal only each other, if the"
-        " kernel supports this",
+        "whether the planner's processes can see and signal only each other, if the kernel supports this",
     )
 
     def __post_init__(self) -> None:
@@ -215,8 +211,7 @@ class EvaluatorConfig(PlannerLink):
     )
     system: str = quantity(
         "",
-        "YAML file of a simulator or robot that you run yourself; empty: the suite's"
-        " simulator",
+        "YAML file of a simulator or robot that you run yourself; empty: the suite's simulator",
     )
     publish_map: bool = quantity(
         True,

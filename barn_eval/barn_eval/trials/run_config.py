@@ -103,8 +103,7 @@ class PlannerChoice(Checked):
     )
     max_speed_mps: float = optional(
         0.0,
-        "for a planner with a command or a source: highest speed that it may command;"
-        " 0: the robot's top speed",
+        "for a planner with a command or a source: highest speed that it may command; 0: the robot's top speed",
         "m/s",
         0.0,
         100.0,
@@ -127,8 +126,7 @@ class PlannerChoice(Checked):
             )
         if not self.registered and (self.preset or self.overrides or self.entry):
             raise ConfigError(
-                f"planner {self.name!r}: presets and parameters are for planners of the"
-                " registry"
+                f"planner {self.name!r}: only registered planners have presets and parameters"
             )
         # Rows, pages and colors know the registry's planners by their names.
         if self.entry and self.name in planner_names():
@@ -138,7 +136,7 @@ class PlannerChoice(Checked):
             )
         if self.input and not self.command:
             raise ConfigError(
-                f"planner {self.name!r}: only a planner that a command starts takes an input"
+                f"planner {self.name!r}: only a planner with a command can have an input"
             )
         if len(self.input) > _MAX_INPUT:
             raise ConfigError(
@@ -147,8 +145,7 @@ class PlannerChoice(Checked):
             )
         if self.registered and self.max_speed_mps:
             raise ConfigError(
-                f"planner {self.name!r}: its parameters decide its speed cap; it takes"
-                " no max_speed_mps"
+                f"planner {self.name!r}: its parameters set its speed cap, so max_speed_mps is not allowed"
             )
         self._compute_of_choice()  # refuses times that contradict each other
 
@@ -232,8 +229,7 @@ class RunConfig(Checked):
     ros: RosConfig = field(default_factory=RosConfig)
     course: tuple[float, ...] = optional(
         (),
-        "start x, y, yaw and goal x, y for all worlds, in m and rad, instead of the"
-        " worlds' own courses",
+        "start x, y, yaw and goal x, y for all worlds, in m and rad, instead of the worlds' own courses",
     )
     # `RunRequest` draws them, and makes each a world of the run.
     routes: int = optional(
@@ -291,8 +287,8 @@ class RunConfig(Checked):
             is_own = not planner.registered and not self.system.is_observed
             if is_own and plain_name in planner_names():
                 raise ConfigError(
-                    f"planner {planner.name!r}: is a planner of the suite; give yours"
-                    f" another name, such as my_{plain_name}"
+                    f"planner {planner.name!r}: is a planner of the suite; give your"
+                    f" planner another name, such as my_{plain_name}"
                 )
 
     def compute_mode(self, compute: Compute) -> str:

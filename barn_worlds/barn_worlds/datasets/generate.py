@@ -108,7 +108,7 @@ class DatasetParameters(Checked):
         self.require(
             self.keep <= self.world_count,
             "keep",
-            f"must be at most the {self.world_count} worlds made",
+            f"must be at most the {self.world_count} generated worlds",
         )
 
     @property
