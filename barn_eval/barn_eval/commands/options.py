@@ -262,7 +262,7 @@ def _read_course(text: str) -> tuple[float, ...]:
 _course_option = partial(
     click.option, "--course", type=_read_course, metavar="X,Y,YAW:X,Y"
 )
-_COURSE_HELP = "Start and goal in every world, in m and rad [default: those of the world, otherwise those of the protocol]"
+_COURSE_HELP = "Start and goal in every world, in m and rad [default: those of the world, otherwise of the protocol]"
 course_option = _course_option(help=f"{_COURSE_HELP}.")
 courses_option = _course_option(
     multiple=True,
