@@ -324,7 +324,7 @@ MISTAKES = """
 {mode: ros, planner_command: E-Band=mine}
     planner 'E-Band': is a planner of the suite
 {planners: [{name: x, command: y, preset: z}]}
-    presets and parameters are for
+    only registered planners have presets
 {ros: {restart_planner: never}}
     the settings of ros need mode ros
 {mode: ros, ros: {bags: none}}

@@ -426,7 +426,7 @@ MISTAKES = r"""
 {schema_version: 1, base: challenge, name: challenge, limit_s: 3}
     is built in with another limit_s;
 {schema_version: 1, base: challenge, name: paper2020}
-    'paper2020' is built in with another start; give
+    'paper2020' is built in with another start; choose
 {schema_version: 1, name: x}
     missing key 'goal' (or a base: challenge, dynabarn, dynabarn_clock, dynabarn_clear, known_map
 {schema_version: 1, name: x, goal: {}}
