@@ -195,7 +195,7 @@ def test_parts_of_the_simulator_import_only_parts_below_them():
 
 def test_the_documentation_has_the_rooms_in_their_order():
     page = ROOT / "docs" / "architecture.md"
-    section = page.read_text("utf-8").partition("## The rooms of barn_eval")[2]
+    section = page.read_text("utf-8").partition("## Parts of barn_eval")[2]
     assert tuple(re.findall(r"(?m)^\| `(\w+)` \|", section)) == ROOMS
     named = re.findall(r"`(barn_\w+/[\w/]+\.py)`", section)
     assert len(named) > 20

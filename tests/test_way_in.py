@@ -51,7 +51,7 @@ def test_the_readme_leads_to_the_score_of_its_planner(tmp_path):
 
 def test_the_readme_shows_what_its_comparison_prints(tmp_path):
     text = (ROOT / "README.md").read_text("utf-8")
-    section = text.split("## Compare two planners")[1].split("\nBoth share")[0]
+    section = text.split("## Compare two planners")[1].split("\nBoth planners share")[0]
     command, *shown = re.findall(r"(?m)^    (.*)$", section)
     words = shlex.split(command)[1:]
     environment = os.environ | {"COLUMNS": "80"}

@@ -172,7 +172,8 @@ class ObstacleConfig(Checked):
     )
     friction: float = quantity(1.0, "friction coefficient of an obstacle", "", 0.0, 3.0)
     random_phase: bool = optional(
-        True, "whether moving obstacles begin at a random time by seed, not at 0"
+        True,
+        "whether moving obstacles start at a random time in their motions, drawn from the seed, instead of at 0",
     )
     clear_start_s: float = optional(
         0.0,
@@ -327,8 +328,7 @@ class SimulatorNodeConfig(Checked):
     )
     planner_rate_hz: float = quantity(
         0.0,
-        "in lockstep: rate of the commands to wait for; 0: one after each scan, or the"
-        " rate that is measured",
+        "in lockstep: rate of the commands to wait for; 0: one command after each scan, or the measured rate",
         "Hz",
         0.0,
         1000.0,
@@ -350,12 +350,12 @@ class SimulatorNodeConfig(Checked):
     lidar_frame: str = quantity(FRAMES.lidar, "frame of the scans")
     ground_truth: bool = quantity(
         True,
-        "publish true pose and contacts, which a planner under test must not know",
+        "publish the true pose and contacts, which a planner under test must not read",
     )
     # A descriptor that only a parent process can hand over, so that no other node can
     # pose as the evaluator.
     evaluator_fd: int = quantity(
-        -1, "private line to the evaluator; -1: none", "", -1, 1_000_000
+        -1, "private socket to the evaluator; -1: none", "", -1, 1_000_000
     )
 
     @property
@@ -372,7 +372,7 @@ class RunConfig(SimulatorConfig):
 
     robot: str = quantity(
         STANDARD_ROBOT.name,
-        "name or YAML file of a robot; it sets parameters that you do not",
+        "name or YAML file of a robot; it sets the parameters that you do not set",
     )
     dataset: str = quantity(
         "barn300", "name of a shipped data set, or path of a folder or file with worlds"
@@ -387,7 +387,11 @@ class RunConfig(SimulatorConfig):
     start_yaw_rad: float = quantity(1.57, "yaw of the start pose", "rad", -7.0, 7.0)
     seed: int = quantity(0, "seed of all noise", minimum=0)
     real_time_factor: float = quantity(
-        1.0, "simulated time over real time; 0: as fast as possible", "", 0.0, 1000.0
+        1.0,
+        "ratio of simulated time to real time; 0: as fast as possible",
+        "",
+        0.0,
+        1000.0,
     )
     command_wait_s: float = quantity(
         5.0, "real time for which lockstep waits for a command", "s", 0.001, 3600.0

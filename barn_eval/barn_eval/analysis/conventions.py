@@ -21,11 +21,13 @@ from barn_worlds.base.files import read_package_yaml
 class Convention(Checked):
     """How an event counts the attempts at its courses."""
 
-    best: int = quantity(0, "number of fastest successes that count; 0: all trials")
+    best: int = quantity(
+        0, "number of successes that count, the fastest first; 0: all trials"
+    )
     window_s: float = quantity(
         0.0, "time limit from the first attempt at a course; 0: none", "s"
     )
-    reference: str = quantity("", "planner whose fastest success is the reference")
+    reference: str = quantity("", "planner whose fastest success is the reference time")
 
 
 CONVENTIONS = {

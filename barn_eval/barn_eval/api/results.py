@@ -334,13 +334,13 @@ class Results:
             # An earlier replay may have driven the trial again.
             bag = folder / BAGS / trial
         if not bag.is_dir():
-            logger.warning("%s has no bag: the trial is driven again", trial)
+            logger.warning("%s has no bag: running the trial again", trial)
             # Into a folder of its own, because the run was to keep no bag.
             new_result = self._drive(result, folder, "all")
             if new_result.repeatable() != result.repeatable():
                 logger.warning(
-                    "%s differs from its row: the outcome is %s (in the row: %s), or the"
-                    " path differs; the planner does not repeat itself",
+                    "%s differs from its row: the outcome is %s (in the row: %s), or"
+                    " the path differs; the planner is not deterministic",
                     trial,
                     new_result.outcome.value,
                     result.outcome.value,
@@ -418,7 +418,7 @@ class Results:
                 )
             if fingerprint(self._planner_objects[name].source) != choice.source:
                 raise ConfigError(
-                    f"planner {name!r}: its source differs from that of these results"
+                    f"planner {name!r}: its source differs from the source that gave these results"
                 )
 
         spec = next(

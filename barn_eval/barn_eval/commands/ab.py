@@ -32,13 +32,13 @@ from barn_worlds.base.errors import ExitCode
 @click.option(
     "--worlds",
     default="0:300:3",
-    help="Worlds that may be used; the comparison stops once its result is clear.",
+    help="Worlds to use at most. The comparison stops once its result is clear.",
 )
 @run_option
 @folder_option(
     "--out",
     default="out/ab",
-    help="Folder for all trials, which the next comparison uses again.",
+    help="Folder for all trials. The next comparison reuses them.",
 )
 @json_option
 def command(
@@ -50,13 +50,13 @@ def command(
     out: Path,
     as_json: bool,
 ) -> int:
-    """Drive BASE and HEAD through the same worlds until one is significantly better, or a difference is unlikely.
+    """Compare BASE and HEAD in the same worlds; stop once one is significantly better or a difference is unlikely.
 
-    BASE and HEAD are each a workspace (its folder or setup.bash) or a file of ROS
-    parameters, both with --planner-command; a planner of the suite with settings, such
-    as dwa,dwa.path_weight=0.6; a file as for barn run; or a command. A side that has not
-    changed is not driven again. The output is Markdown for a pull request. The exit code
-    is 4 if HEAD is worse.
+    BASE and HEAD can be planners of the suite with settings, such as
+    dwa,dwa.path_weight=0.6, files for barn run, or commands. With --planner-command,
+    they can also be workspaces (a folder or its setup.bash) or ROS parameter files. A
+    version that has not changed is not run again. The output is Markdown for a pull
+    request. The exit code is 4 if HEAD is worse.
     """
     # --run may name the same keys as the options; it overrides them.
     options = {"worlds": worlds, "out": out} | run

@@ -38,16 +38,17 @@ if TYPE_CHECKING:
 @click.option(
     "--planner-input",
     metavar="TEXT",
-    help="Text for the planner's standard input. Here and in COMMAND, {goal_x},"
-    " {goal_y}, {goal_yaw} and {frame} stand for the goal.",
+    help="Text for the planner's standard input. {goal_x}, {goal_y}, {goal_yaw} and"
+    " {frame} are replaced by the goal, here and in COMMAND.",
 )
 @json_option
 def command(as_json: bool, **planner: str | None) -> int:
-    """Start a planner beside a simulator; say what it lacks, exit with 3 if no command.
+    """Start a planner beside a simulator and report what prevents trials.
 
     COMMAND starts the planner, as in `barn run --planner-command`. The test takes ten
     seconds and checks the modules that the planner imports, its topics and its first
-    commands. The last line of output is the `barn run` command to type.
+    commands. The last line of output is the `barn run` command to type. The exit code
+    is 3 if the planner sends no command.
     """
     options = {"mode": "ros", "worlds": "0", **planner}
     if not any((planner["planner_command"], planner["planner_package"])):

@@ -47,21 +47,21 @@ _SUBMISSION_KEYS = (
 @click.option(
     "--rerun",
     metavar="TRIAL",
-    help="Also run this trial (a name, or a number from 1) again with its planner, and"
-    " compare.",
+    help="Trial to run again with its planner and compare: a name, or a number from 1.",
 )
 @count_option(
     "--sample",
-    help="Number of trials whose commands are driven again [default: all].",
+    help="Number of trials to simulate again from their commands [default: all].",
 )
 @json_option
 def command(folder: Path, rerun: str | None, sample: int | None, as_json: bool) -> int:
-    """Check the results in FOLDER by computing them again from the recordings.
+    """Check the results in FOLDER by recomputing them from the recordings.
 
-    The referee's code computes scores, times, clearances, contacts and outcomes from
-    tracks and bags. The commands, driven again without their planner, must give the
-    recorded trajectory. Rows, tables, worlds and configuration must match. The run may
-    be unfinished. Each fault takes a line, and any fault makes the exit code 1.
+    The command recomputes scores, times, clearances, contacts and outcomes from tracks
+    and bags. It simulates each trial again from the recorded commands and compares the
+    trajectory with the recorded one. It also checks that rows, tables, worlds and
+    configuration match. The run may be unfinished. Each fault is printed on one line.
+    The exit code is 1 if there is a fault.
     """
     with _findings_in(folder / RUN_FILE, "checking"):
         check = check_folder(folder, sample=sample)
@@ -117,13 +117,13 @@ def print_check(check: FolderCheck) -> None:
     "--container",
     default="",
     metavar="DIGEST",
-    help="Digest of the image that the planner ran in, such as sha256:...",
+    help="Digest of the container image that the planner ran in, such as sha256:...",
 )
 def submit(folder: Path, out: Path | None, container: str) -> None:
-    """Check the results in FOLDER and write them as one file that `barn verify` checks anywhere.
+    """Check the results in FOLDER and write them to one file for `barn verify`.
 
-    The file holds rows, tracks, commands, parameter files, versions and a description of
-    the machine.
+    The file holds rows, tracks, commands, parameter files, versions and a description
+    of the machine. Anybody can verify the file on another machine.
     """
     # resolve() gives "." a name.
     path = out or Path(f"{folder.resolve().name}.barn.zip")
@@ -137,15 +137,16 @@ def submit(folder: Path, out: Path | None, container: str) -> None:
 @click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @folder_option(
     "--out",
-    help="Folder to keep verified results in, for example for `barn leaderboard`.",
+    help="Folder for the verified results, for example for `barn leaderboard`.",
 )
 @json_option
 def verify(file: Path, out: Path | None, as_json: bool) -> None:
-    """Check a FILE of `barn submit` as `barn check` does, on any machine with the same release.
+    """Verify a FILE that `barn submit` wrote, on any machine with the same release.
 
-    This recomputes every score and drives every trial again from its commands. Anything
-    that cannot be checked counts as a failure. Each failure takes a line; after any, the
-    exit code is 1 and --out is not written.
+    The command recomputes every score and simulates every trial again from its
+    commands. Anything that cannot be checked counts as a failure. Each failure is
+    printed on one line. If there is a failure, the exit code is 1 and --out is not
+    written.
     """
     # Results that failed must not stay in a folder that others then rank.
     with TemporaryDirectory() if out is None else create_folder(out) as folder:

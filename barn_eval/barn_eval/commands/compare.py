@@ -56,9 +56,8 @@ from barn_worlds.base.errors import ExitCode
     "margin_texts",
     multiple=True,
     metavar="MEASURE:MARGIN",
-    help="Exit with 0 only if the data show that B is worse than A by at most this"
-    " margin, such as challenge:0.01, or compute_p95_ms:10% for 10 % of A's mean;"
-    " repeatable.",
+    help="Exit with 0 only if the data show that B is worse than A by at most MARGIN. MARGIN is a number, as in"
+    " challenge:0.01, or a percentage of A's mean, as in compute_p95_ms:10%; repeatable.",
 )
 @json_option
 def command(
@@ -69,16 +68,17 @@ def command(
     margin_texts: tuple[str, ...],
     as_json: bool,
 ) -> int:
-    """Compare A with B, folders of runs, finished or not; without B, the planners of A with each other.
+    """Compare the planners of A with those of B or, without B, with each other.
 
-    A table can take the place of a folder: a CSV file with the columns planner, world,
-    outcome and, where known, repetition and time, or out.txt of the BARN Challenge.
+    A and B are folders of runs, finished or not. Each can also be a table: a CSV file
+    with the columns planner, world, outcome and, if known, repetition and time, or
+    out.txt of the BARN Challenge.
 
-    FOLDER:PLANNER,PLANNER selects planners of a folder. If both folders hold several and
-    you select none, planners of the same name are compared.
+    FOLDER:PLANNER,PLANNER selects planners of a folder. If both folders hold several
+    planners and you select none, planners of the same name are compared.
 
-    With --fail-if-worse, the exit code is 4 if B is worse than A by more than a margin,
-    and 5 if the data do not decide it at 95 %.
+    With --fail-if-worse, the exit code is 4 if B is worse than A by more than a margin.
+    It is 5 if the data do not show with 95 % confidence whether B is worse.
     """
     measures = require_measures(split_names(columns))
     margins = [Margin.parse(text) for text in margin_texts]
@@ -131,20 +131,18 @@ _ABOVE_ZERO = click.FloatRange(0.0, min_open=True)
 @click.option(
     "--half-width",
     type=_ABOVE_ZERO,
-    help="Half-width that you want for the 95 % interval of a mean [default: 5 % of the"
-    " mean].",
+    help="Target half-width of the 95 % interval of a mean [default: 5 % of the mean].",
 )
 @click.option(
     "--difference",
     type=_ABOVE_ZERO,
-    help="Difference between two planners to detect in 8 of 10 runs [default: 5 % of the"
-    " first one's mean].",
+    help="Difference between two planners to detect in 8 of 10 runs [default: 5 % of the first planner's mean].",
 )
 @click.option(
     "--measure",
     default="",
     show_default=False,
-    help="A column of the results [default: the metric of the protocol].",
+    help="Measure, a column of the results [default: the ranking measure of the protocol].",
 )
 @count_option("--repetitions", help="Trials per world [default: 1, 2, 3, 5 and 10].")
 @json_option
@@ -156,10 +154,10 @@ def precision(
     repetitions: int | None,
     as_json: bool,
 ) -> None:
-    """Estimate from the results in FOLDER how many worlds you need for a precision.
+    """Estimate from the results in FOLDER how many worlds you need to reach a precision.
 
-    FOLDER:PLANNER or FOLDER:PLANNER,PLANNER selects one or two planners. Values are in
-    the unit of the measure; success is a share, such as 0.05.
+    FOLDER:PLANNER or FOLDER:PLANNER,PLANNER selects one or two planners. Give values in
+    the unit of the measure. For success, give a share, such as 0.05.
     """
     _, rows_by_planner = read_selection(folder)
     estimate = estimate_precision(

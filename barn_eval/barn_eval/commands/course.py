@@ -27,7 +27,7 @@ _MOST_ROWS = 10
 
 @click.group("course")
 def command() -> None:
-    """Plan a world for building it on a floor, and survey where its obstacles stand."""
+    """Plan how to build a world on a floor, and survey where its obstacles stand."""
 
 
 def _load(dataset: str, number: int) -> World:
@@ -37,11 +37,15 @@ def _load(dataset: str, number: int) -> World:
 
 @command.command()
 @click.argument("world", type=int)
-@dataset_option(help="Data set, or file, that has the world.")
+@dataset_option(help="Data set or file that contains the world.")
 @file_option("--out", default="plan.pdf", help="PDF to write the plan to.")
-@click.option("--box", type=float, help="Build it of boxes with this side [m].")
-@click.option("--post", type=float, help="Build it of posts with this diameter [m].")
-@parameters_option("--set", "config", "Of the plan", PlanConfig())
+@click.option(
+    "--box", type=float, help="Build the world from boxes with this side [m]."
+)
+@click.option(
+    "--post", type=float, help="Build the world from posts with this diameter [m]."
+)
+@parameters_option("--set", "config", "Setting of the plan", PlanConfig())
 @course_option
 @robot_option
 def plan(
@@ -74,15 +78,17 @@ def plan(
     required=True,
     help="Number of the world that was built.",
 )
-@dataset_option(help="Data set, or file, that has the world.")
-@file_option("--out", help=f"File for the world as built (NAME{ENDING}), for barn run.")
+@dataset_option(help="Data set or file that contains the world.")
+@file_option(
+    "--out", help=f"File to write the built world to (NAME{ENDING}), for barn run."
+)
 @course_option
 @robot_option
 @click.option(
     "--tolerance",
     default=0.02,
     type=click.FloatRange(0.001, 0.1),
-    help="Expected standard deviation of misplacements [m].",
+    help="Expected standard deviation of placement errors [m].",
 )
 @json_option
 def survey(
@@ -97,9 +103,10 @@ def survey(
 ) -> None:
     """Locate the obstacles of a built world from the scans of a drive in BAG.
 
-    Positions are relative to each other. The bag's true poses place the course as a
-    whole; without them, it is placed where it fits the plan best. Obstacles whose
-    position is unsure are listed, and the world that --out writes has them as planned.
+    The survey measures where obstacles stand relative to each other. The bag's true
+    poses locate the course as a whole. Without true poses, the survey places the course
+    where it fits the plan best. The output lists obstacles with an uncertain position.
+    The world that --out writes has these obstacles at their planned positions.
     """
     if out is not None and not out.name.endswith(ENDING):
         raise click.UsageError(f"--out must end in {ENDING}, got {out}")

@@ -22,8 +22,8 @@ _COLUMNS = ("difficulty_s_per_m", "std_s_per_m")
 def command() -> None:
     """Predict how difficult worlds are.
 
-    Difficulty is the time of trials per meter of path, with the protocol's penalty for
-    failures, averaged over planners and repetitions.
+    Difficulty is the mean time per meter of path over planners and repetitions.
+    Failures count with the protocol's penalty.
     """
 
 
@@ -35,7 +35,7 @@ def command() -> None:
 def predict(source: str, select: str, weights: Path | None, as_json: bool) -> None:
     """Predict how difficult the worlds of SOURCE are.
 
-    SOURCE is the name of a data set, or a file or folder of worlds or of your own maps.
+    SOURCE is the name of a data set, or a file or folder with worlds or your own maps.
     """
     model, name, predictions = predict_rows(source, select, weights)
     planner_columns = []

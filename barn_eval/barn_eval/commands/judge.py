@@ -35,7 +35,7 @@ def _judge_options(command: Any) -> Any:
 @_judge_options
 @course_option
 @folder_option("--out", required=True, help="Folder for the results.")
-@flag_option("--overwrite", help="Remove other results from that folder first.")
+@flag_option("--overwrite", help="Delete other results in that folder first.")
 @json_option
 def command(
     bags: tuple[Path, ...],
@@ -45,10 +45,10 @@ def command(
     as_json: bool,
     **values: Any,
 ) -> int:
-    """Judge trials that others ran, from BAGS, and write ordinary results.
+    """Judge trials of other simulators or robots from BAGS and write results.
 
     A bag is a rosbag2 folder or file (MCAP or SQLite, also compressed) or a ROS 1 bag.
-    Each goal in a bag begins a trial. Measures that a bag has no data for stay empty.
+    Each goal in a bag starts a trial. A measure stays empty if the bag lacks its data.
     """
     options = {name: value for name, value in values.items() if value is not None}
     with notes.status("judging"):

@@ -29,20 +29,20 @@ from barn_worlds.base.config import as_dict
 @click.option(
     "--by",
     type=click.Choice(tuple(RANKINGS)),
-    help="Measure to rank by [default: the protocol's metric].",
+    help="Measure to rank by [default: the protocol's ranking measure].",
 )
 @path_option(
     "--out",
     multiple=True,
-    help="File to write, .md or .html, instead of printing; repeatable.",
+    help="File (.md or .html) to write instead of printing; repeatable.",
 )
 @click.option(
-    "--worlds", default="all", help="Rank by trials in these worlds only, such as 0-49."
+    "--worlds", default="all", help="Use only trials in these worlds, such as 0-49."
 )
 @click.option(
     "--convention",
     type=click.Choice(tuple(CONVENTIONS)),
-    help="Rank physical trials by the rules of this event, without statistical tests.",
+    help="Rank trials of physical robots by the rules of this event, without statistical tests.",
 )
 @json_option
 def command(
@@ -55,12 +55,14 @@ def command(
 ) -> None:
     """Rank the planners of FOLDERS of runs.
 
-    Planners share a rank if no test separates them. Each protocol and each set of worlds
-    has its own board.
+    Planners share a rank if no test separates them. The command prints a board for each
+    protocol and each set of worlds.
     """
     if convention is not None:
         if by or out or worlds != "all":
-            raise click.UsageError("--convention takes no --by, --out or --worlds")
+            raise click.UsageError(
+                "--convention cannot be used with --by, --out or --worlds"
+            )
         rules = CONVENTIONS[convention]
         places = rank_by_convention(folders, rules)
         table = convention_table(places, convention)

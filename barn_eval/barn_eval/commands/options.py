@@ -87,14 +87,17 @@ quiet_option = flag_option("-q", "--quiet", help="Show warnings only, no progres
 verbose_option = flag_option("-v", "--verbose", help="Show a line for each trial.")
 json_option = flag_option("--json", "as_json", help="Print JSON instead of tables.")
 worlds_option = click.option(
-    "--worlds", "select", default="all", help="Numbers of worlds, such as 0-49."
+    "--worlds",
+    "select",
+    default="all",
+    help="Numbers of the worlds to use, such as 0-49.",
 )
 
 robot_option = click.option(
     "--robot",
     type=ROBOT,
     default="jackal",
-    help="Name (see barn robots) or YAML file of the robot that drives.",
+    help="Robot that drives: a name (see barn robots) or a YAML file.",
 )
 
 
@@ -235,8 +238,7 @@ run_option = click.option(
     multiple=True,
     metavar="KEY=VALUE",
     callback=_parse_run_options,
-    help="Any other key of a file for barn run, such as dataset, repetitions, seed,"
-    " workers or ros.lockstep; repeatable.",
+    help="Any other key of a barn run file, such as dataset, repetitions, seed, workers or ros.lockstep; repeatable.",
 )
 
 
@@ -261,14 +263,11 @@ def _read_course(text: str) -> tuple[float, ...]:
 _course_option = partial(
     click.option, "--course", type=_read_course, metavar="X,Y,YAW:X,Y"
 )
-_COURSE_HELP = (
-    "Start and goal in every world, in m and rad [default: the world's own, or else"
-    " those of the protocol]"
-)
+_COURSE_HELP = "Start and goal in every world, in m and rad [default: those of the world, otherwise of the protocol]"
 course_option = _course_option(help=f"{_COURSE_HELP}.")
 courses_option = _course_option(
     multiple=True,
-    help=f"{_COURSE_HELP}; repeatable: each course is then a world.",
+    help=f"{_COURSE_HELP}; repeatable: each course then counts as a world.",
 )
 
 

@@ -24,14 +24,14 @@ _OPTIONS = JudgeOptions()
 @file_option(
     "--out",
     multiple=True,
-    help="File to write: a page (.html), a picture of the end (.png), an animation"
-    " (.gif) or a film (.mp4, needs ffmpeg); repeatable [default: NAME.html].",
+    help="File to write: a page (.html), a picture of the trial's end (.png), an animation"
+    " (.gif) or a video (.mp4, needs ffmpeg); repeatable [default: NAME.html].",
 )
 @click.option(
     "--camera",
     type=click.Choice(CAMERAS),
     default="top",
-    help="View in pictures, GIFs and films.",
+    help="Camera view in pictures, GIFs and videos.",
 )
 @click.option(
     "--fps", default=10.0, type=click.FloatRange(1.0, 60.0), help="Frames per second."
@@ -40,7 +40,7 @@ _OPTIONS = JudgeOptions()
     "--speed",
     default=2.0,
     type=click.FloatRange(0.1, 100.0),
-    help="Playback speed of GIFs and films, as a multiple of real time.",
+    help="Playback speed of GIFs and videos, as a multiple of real time.",
 )
 @field_option(_OPTIONS, "pose")
 @field_option(_OPTIONS, "goal")
@@ -54,11 +54,11 @@ def command(
     speed: float,
     **names: str | None,
 ) -> None:
-    """Draw the trial in a bag of rosbag2 (MCAP or SQLite, folder or file) or ROS 1.
+    """Draw trials from BAGS: rosbag2 folders or files (MCAP or SQLite), or ROS 1 bags.
 
-    Several BAGS are drawn side by side on one clock; their page can also overlay them
-    and align them by progress along the path. A damaged bag is shown up to where it
-    breaks off.
+    Several bags are drawn side by side with one shared clock. The page can also overlay
+    them and align them by progress along the path. A damaged bag is shown up to the
+    damage.
     """
     # For a page or a picture, reading the bags takes most of the time.
     has_frames = any(path.suffix in (".gif", ".mp4") for path in out)

@@ -29,7 +29,11 @@ class ReportSettings(Checked):
         "", "measures in the tables: columns of the results, such as success,challenge"
     )
     hardest: int = quantity(
-        DEFAULT_HARDEST, "number of worlds in the figure of the hardest", "", 0, 40
+        DEFAULT_HARDEST,
+        "number of worlds in the figure of the hardest worlds",
+        "",
+        0,
+        40,
     )
     title: str = quantity("", "title of the page")
     width_mm: float = quantity(
@@ -42,8 +46,7 @@ class ReportSettings(Checked):
 @path_option(
     "-o",
     "--out",
-    help="File for the page [default: report.html in FOLDER, or in the current folder"
-    " if several are given].",
+    help="File for the page [default: report.html in FOLDER or, for several folders, in the current folder].",
 )
 @flag_option("--open", "is_opened", help="Open the page in a browser.")
 @click.option(
@@ -66,10 +69,10 @@ def command(
     replays: bool,
     parameters: dict[str, Any],
 ) -> None:
-    """Write a report of FOLDERS of runs, finished or not.
+    """Write one report on the runs in FOLDERS, finished or not.
 
-    Figures are also written beside the page as SVG and PDF, tables as CSV and LaTeX.
-    --set width_mm=88 makes figures fit a column of a paper.
+    The command also writes figures as SVG and PDF, and tables as CSV and LaTeX, beside
+    the page. To fit figures to a column of a paper, use --set width_mm=88.
     """
     if out is None:
         out = Path("report.html")

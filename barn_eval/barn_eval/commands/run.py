@@ -73,21 +73,20 @@ _EXECUTION = ExecutionConfig()
     "--planners",
     "--planner",
     type=PLANNER,
-    help="Planners, separated by commas. Each is NAME, NAME:PRESET or, to use one twice,"
-    " NEW_NAME=NAME:PRESET [default: dwa, or those of --planner-command].",
+    help="Planners, separated by commas: NAME, NAME:PRESET or NEW_NAME=NAME:PRESET to use a"
+    " planner twice [default: dwa, or the planners of --planner-command].",
 )
 @field_option(_RUN, "worlds")
 @field_option(_RUN, "dataset", kind=DATASET)
 @click.option(
     "--protocol",
     type=PROTOCOL,
-    help="challenge, dynabarn, known_map, paper2020 or a YAML file [default:"
-    " challenge].",
+    help="Protocol: challenge, dynabarn, known_map, paper2020 or a YAML file [default: challenge].",
 )
 @click.option(
     "--robot",
     type=ROBOT,
-    help="Name (see barn robots) or YAML file [default: jackal].",
+    help="Robot: a name (see barn robots) or a YAML file [default: jackal].",
 )
 @courses_option
 @field_option(_RUN, "routes")
@@ -98,49 +97,45 @@ _EXECUTION = ExecutionConfig()
     "--planner-command",
     multiple=True,
     metavar="[NAME=]COMMAND",
-    help="Command that starts a planner of your own (mode ros); repeatable. {goal_x},"
-    " {goal_y}, {goal_yaw} and {frame} stand for the trial's goal [default NAME: that of"
-    " the script].",
+    help="Command that starts your own planner (mode ros); repeatable. {goal_x}, {goal_y}, {goal_yaw} and"
+    " {frame} are replaced by the trial's goal [default NAME: the script's name].",
 )
 @click.option(
     "--planner-package",
     multiple=True,
     metavar="[NAME=]DIR[:EXECUTABLE]",
-    help="Start an executable or launch file from the source of its ROS package, without"
-    " a build; repeatable.",
+    help="Start a planner's executable or launch file from the source of its ROS package,"
+    " without building the package; repeatable.",
 )
 @click.option(
     "--planner-input",
     multiple=True,
     metavar="[NAME=]TEXT",
-    help="Text for the planner's standard input, with the same placeholders for the goal;"
-    " \\n ends a line.",
+    help="Text for the planner's standard input, with the placeholders of --planner-command; \\n ends a line.",
 )
 @parameters_option(
     "--set",
     "settings",
-    "Parameter of a planner (barn planners NAME lists them); PLANNER may be left out if"
-    " there is only one",
+    "Parameter of a planner (barn planners NAME lists them); omit PLANNER if there is only one planner",
     metavar="[PLANNER.]KEY=VALUE",
 )
 @click.option(
     "--sweep",
     multiple=True,
     metavar="KEY=V1,V2,...",
-    help="Run with each value of a parameter; repeatable: all combinations are run.",
+    help="Run once with each value of a parameter; repeatable, for all combinations of values.",
 )
 @click.option(
     "--latency",
     metavar="S1,S2,...",
-    help="Drive each planner with its commands delayed by each of these times [s].",
+    help="Run each planner with its commands delayed by each of these times [s].",
 )
 @parameters_option("--sim", "simulator", "Setting of the simulator", SimulatorConfig())
 @parameters_option("--ros", "ros", "Setting of mode ros", RosConfig())
 @parameters_option(
     "--execution",
     "execution",
-    "How trials are executed; of these, only compute (declared or measured) changes"
-    " results",
+    "How trials are executed; only the key compute (declared or measured) changes results",
     _EXECUTION,
 )
 @field_option(_EXECUTION, "workers", default="one per processor", short="-w")
@@ -148,21 +143,21 @@ _EXECUTION = ExecutionConfig()
 @folder_option(
     "-o",
     "--out",
-    help="Folder for the results [default: a new one in out/, named after the time].",
+    help="Folder for the results [default: a new folder in out/, named after the time].",
 )
 @file_option(
     "--system",
-    help="Judge trials of a simulator or robot that you run yourself and describe in this"
-    " YAML file; without --planner or --planner-command, you also start the planner.",
+    help="Judge trials of your own simulator or robot, described in this YAML file. You start the"
+    " simulator, and also the planner unless you give --planner or --planner-command.",
 )
 @flag_option(
     "--view",
-    help="Show trials live in Foxglove and on a page; needs bags.",
+    help="Show trials live in Foxglove and on a page (needs bags).",
 )
-@flag_option("--overwrite", help="Remove other results from that folder first.")
+@flag_option("--overwrite", help="Delete other results in that folder first.")
 @flag_option(
     "--dry-run",
-    help="Show what would run and estimate time and disk space; run nothing.",
+    help="Show what the command would run and estimate time and disk space, without running it.",
 )
 @flag_option("--all", "show_all", help="Also print each trial and all measures.")
 @quiet_option
@@ -183,11 +178,12 @@ def command(
     verbose: bool,
     **values: Any,
 ) -> int:
-    """Run trials of one or several planners in worlds and score them.
+    """Run trials of planners in worlds and score them.
 
-    Options or FILE (YAML) describe the run; options override the file. To resume an
-    interrupted run, type the same command again. OUT gets results.jsonl with a row per
-    trial, the tables results.parquet and .csv, and bags.
+    Describe the run with options, a FILE in YAML, or both. Options override the file.
+    To resume an interrupted run, type the same command again. The command writes one
+    row per trial to OUT/results.jsonl, the same rows to results.parquet and
+    results.csv, and bags.
     """
     run_reporter = make_console_reporter(quiet, verbose)
     # click passes all options; those left out must not replace values of the file.
@@ -195,7 +191,7 @@ def command(
         name: value for name, value in values.items() if value not in (None, (), {})
     }
     if latency and sweep:
-        raise click.UsageError("--latency is a sweep itself and excludes --sweep")
+        raise click.UsageError("--latency and --sweep cannot be used together")
     if latency:
         # A latency study is a sweep over one key that no planner has.
         sweep = (f"{LATENCY}={latency}",)
@@ -204,8 +200,8 @@ def command(
         has_course = bool(options.keys() & {"course", "simulator"})
         if file or sweep or overwrite or dry_run or view or has_course:
             raise click.UsageError(
-                "--system excludes FILE, --sweep, --latency, --overwrite, --dry-run,"
-                " --view, --course and --sim"
+                "--system cannot be used with FILE, --sweep, --latency, --overwrite,"
+                " --dry-run, --view, --course or --sim"
             )
         return _run_observed(system, options, as_json, show_all)
 
@@ -214,7 +210,7 @@ def command(
     parameters = read_sweep(file, sweep)
     if parameters:
         if dry_run or view:
-            raise click.UsageError("a sweep excludes --dry-run and --view")
+            raise click.UsageError("a sweep cannot be used with --dry-run or --view")
         return _run_settings(
             grid(request, parameters),
             run_reporter,
@@ -424,15 +420,16 @@ _DEMO_PERCENTAGES = (5, 40, 70)
     "--mode",
     type=click.Choice(MODES),
     default="ros",
-    help="One process (direct) or ROS nodes (ros).",
+    help="Run trials in one process (direct) or with ROS nodes (ros).",
 )
 @folder_option("--out", default="out/demo", help="Folder for the results.")
 @json_option
 def demo(dataset: str, mode: Any, out: Path, as_json: bool) -> int:
-    """Drive DWA through an easy, a medium, and a harder world under the challenge protocol, and show the scores.
+    """Run DWA in an easy, a medium and a harder world, and show the scores.
 
-    Simulator, planner and evaluator are three ROS 2 nodes, each in its own process.
-    Earlier results in the folder are replaced.
+    The trials follow the challenge protocol. In mode ros, simulator, planner and
+    evaluator are three ROS 2 nodes in three processes. The demo replaces earlier
+    results in the folder.
     """
     # By place in the order, because a data set need not be numbered from 0.
     numbers = open_dataset(dataset).world_numbers

@@ -23,11 +23,11 @@ _RUN = RunConfig()
 
 @click.command("show")
 @click.argument("worlds", metavar="WORLDS")
-@dataset_option(help="Data set that has the worlds.")
+@dataset_option(help="Data set that contains the worlds.")
 @file_option(
     "--out",
-    help="File to write: .png; for trials also .svg or .pdf; for a world with moving"
-    " obstacles also .gif [default: a name from WORLDS].",
+    help="File to write: .png, for trials also .svg or .pdf, for a world with moving"
+    " obstacles also .gif [default: named after WORLDS].",
 )
 @courses_option
 @field_option(_RUN, "routes")
@@ -40,7 +40,7 @@ _RUN = RunConfig()
 @click.option(
     "--by",
     type=click.Choice(("planner", "speed")),
-    help="What the color of a trial shows [default: planner].",
+    help="What the color of a trial represents [default: planner].",
 )
 @click.option(
     "--planners",

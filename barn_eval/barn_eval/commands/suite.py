@@ -30,12 +30,11 @@ from barn_eval.studies.reproduction.findings import ReproduceConfig
 @path_argument("folders", nargs=-1)
 @flag_option(
     "--physical",
-    help="Plot the difficulty measured in FOLDERS over the model's prediction instead"
-    " (Fig. 8).",
+    help="Instead, plot the difficulty measured in FOLDERS over the model's prediction (Fig. 8).",
 )
 @flag_option(
     "--quick",
-    help="Use only some worlds, from easy to difficult; this takes minutes.",
+    help="Use only some worlds, from easy to difficult. The run then takes minutes.",
 )
 @folder_option(
     "--out",
@@ -50,20 +49,20 @@ from barn_eval.studies.reproduction.findings import ReproduceConfig
     show_default=False,
     help="Trials to run at a time [default: one per processor].",
 )
-@folder_option("--docs", help="Folder to write the page to as well.")
+@folder_option("--docs", help="Second folder to write the page to.")
 def reproduce(folders: tuple[Path, ...], physical: bool, **options: Any) -> None:
     """Run the paper's 3000 trials and write a page of the results.
 
-    OUT/results.md shows Table II, times, failures, Fig. 6 and losses beside the published
-    numbers; OUT/results.json has every number. The same command resumes the run in
-    OUT/campaign.
+    OUT/results.md shows Table II, times, failures, Fig. 6 and losses beside the
+    published numbers. OUT/results.json contains every number. To resume an interrupted
+    run, type the same command again.
 
-    With --physical, FOLDERS hold trials of a robot or another simulator, as `barn
-    judge` writes them. You can add folders of this simulator's trials in the same worlds
-    for comparison.
+    With --physical, FOLDERS hold trials of a robot or another simulator that `barn
+    judge` has judged. For comparison, you can add folders of this simulator's trials in
+    the same worlds.
     """
     if physical != bool(folders):
-        raise click.UsageError("--physical takes FOLDERS, and FOLDERS take --physical")
+        raise click.UsageError("--physical and FOLDERS must be used together")
     if physical:
         out = options["out"] or "out/physical"
         print_notes(suite.reproduce_physical(folders, out))
@@ -83,15 +82,16 @@ def reproduce(folders: tuple[Path, ...], physical: bool, **options: Any) -> None
 )
 @file_option(
     "--against",
-    help="Earlier --json output from this machine; print each figure's ratio to it.",
+    help="File with earlier --json output from this machine. The command prints each figure's ratio to it.",
 )
 @json_option
 def bench(
     planners: str, settings: dict[str, Any], against: Path | None, as_json: bool
 ) -> None:
-    """Measure the speed of the suite on this machine, or its ratio to an earlier measurement.
+    """Measure the speed of the suite on this machine and compare it with earlier speeds.
 
-    With --against, a figure that is worse by more than its noise is marked as slower.
+    With --against, the output marks a figure as slower if it is worse by more than its
+    noise.
     """
     earlier_figures = read_figures(against) if against is not None else []
     # Empty names stay, so that they are refused.
@@ -143,7 +143,7 @@ def bench(
 @click.command("info")
 @json_option
 def info(as_json: bool) -> None:
-    """Show what is installed, which ROS is found, and which optional parts are off and why."""
+    """Show what is installed, which ROS is used, and why optional parts are unavailable."""
     content = suite.info()
     # The full hash does not fit a terminal; --json has it. What follows a plus says
     # that files differ from the commit.

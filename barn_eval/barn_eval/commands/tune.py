@@ -38,11 +38,11 @@ if TYPE_CHECKING:
 @click.option("--worlds", default="0:300:10", help="Worlds to tune in.")
 @click.option(
     "--unseen",
-    help="Worlds to judge the best settings in [default: up to 100 others].",
+    help="Worlds to judge the best settings in [default: up to 100 other worlds].",
 )
 @click.option(
     "--planner-command",
-    help="Command that starts a planner of your own; its --params-file is tuned.",
+    help="Command that starts your own planner. The parameters in its --params-file are tuned.",
 )
 @click.option(
     "--by",
@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 @folder_option(
     "--out",
     default="out/tune",
-    help="Folder for all trials; the same command resumes there.",
+    help="Folder for all trials. The same command resumes an interrupted tuning there.",
 )
 @json_option
 def command(
@@ -68,9 +68,9 @@ def command(
 ) -> int:
     """Tune parameters within RANGES: a YAML file, or dwa, eband, gap, mppi, nav2_rpp, nav2_dwb or nav2_mppi.
 
-    Settings are selected in some worlds, and the best is compared with the default in
-    others. With several measures, all Pareto-optimal settings are kept. Parameter files
-    are written to OUT.
+    The command selects settings in some worlds and compares the best setting with the
+    default in other worlds. With several measures, it keeps all Pareto-optimal
+    settings. It writes their parameter files to OUT.
     """
     # First, so that a missing module does not look like a wrong option.
     if find_spec("optuna") is None:

@@ -32,12 +32,12 @@ _LOOK_PERIOD_S = 0.5
     "--port",
     default=PAGE_PORT,
     type=_PORTS,
-    help="Port of the page; 0 selects a free one.",
+    help="Port of the page; 0 selects a free port.",
 )
 @click.option(
     "--host",
     default=LOOPBACK,
-    help="Address to serve on; any but loopback lets other machines see the page.",
+    help="Address to serve the page on. With any address except loopback, other machines can see the page.",
 )
 @click.option(
     "--live",
@@ -45,16 +45,15 @@ _LOOK_PERIOD_S = 0.5
     flag_value=LIVE_PORT,
     type=_PORTS,
     metavar="[PORT]",
-    help="Also serve the trial that is being recorded to Foxglove [default port:"
-    f" {LIVE_PORT}].",
+    help=f"Also stream the current trial to Foxglove [default port: {LIVE_PORT}].",
 )
-@flag_option("--wait", help="Wait until the folder exists.")
+@flag_option("--wait", help="Wait until FOLDER exists.")
 def command(folder: Path, port: int, host: str, live: int | None, wait: bool) -> None:
-    """Serve a page on the state of the run in FOLDER, until Ctrl-C.
+    """Serve a page that shows the state of the run in FOLDER. Stop with Ctrl-C.
 
-    The page shows progress, the ranking so far, failures and, on request, a replay of
-    each bag. It only reads files, so the run may be finished, or run on another machine
-    that shares the folder. The live view needs bags and foxglove-sdk.
+    The page shows progress, the current ranking, failures and, on request, a replay of
+    each bag. The command only reads files, so the run may be finished or may run on
+    another machine that shares the folder. The live view needs bags and foxglove-sdk.
     """
     # Never set: waiting for it lets Ctrl-C end this thread.
     forever = threading.Event()
@@ -63,8 +62,7 @@ def command(folder: Path, port: int, host: str, live: int | None, wait: bool) ->
             stream = FoxgloveStream(folder, host=host, port=live)
             view = servers.enter_context(closing(stream))
             print_notes(
-                f"live view: open {view.url} in Foxglove with"
-                " share/barn_eval/config/barn_foxglove.json"
+                f"live view: open {view.url} in Foxglove and import share/barn_eval/config/barn_foxglove.json"
             )
         while wait and not (folder / RUN_FILE).is_file():
             forever.wait(_LOOK_PERIOD_S)

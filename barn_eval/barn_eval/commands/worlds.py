@@ -41,7 +41,7 @@ def command() -> None:
 )
 @count_option("--per-set", default=25, help="Worlds per parameter set.")
 @parameters_option(
-    "--set", "parameters", "Parameter of a set of your own", WorldParameters()
+    "--set", "parameters", "Parameter of your own parameter set", WorldParameters()
 )
 @robot_option
 @click.option(
@@ -49,7 +49,7 @@ def command() -> None:
     default=0,
     show_default=False,
     type=click.IntRange(0),
-    help="Number of worlds to keep, evenly spread from wide to narrow [default: all].",
+    help="Number of worlds to keep, spread evenly from wide to narrow worlds [default: all].",
 )
 def generate(
     target: Path,
@@ -61,7 +61,7 @@ def generate(
 ) -> None:
     """Generate a data set and write it to TARGET, an .npz file or a folder in the original layout.
 
-    Without --set, the twelve parameter sets of the paper's Table I are used.
+    Without --set, the command uses the twelve parameter sets of the paper's Table I.
     """
     with progress_bar("worlds") as progress:
         generated = worlds.generate(
@@ -90,11 +90,12 @@ def generate(
 def convert(
     source: str, target: Path, form: Form | None, select: str, robot: str
 ) -> None:
-    """Read worlds in any known format and write them for the suite or other programs.
+    """Convert worlds between formats of the suite and of other programs.
 
-    npz is a data set in one file; original is the layout of the original data set. sdf
-    (current Gazebo), sdf_classic (Gazebo Classic), map (map_server's pgm and yaml),
-    yaml and png write a file per world to the folder TARGET.
+    The format npz is a data set in one file, and original is the layout of the original
+    data set. The formats sdf (current Gazebo), sdf_classic (Gazebo Classic), map
+    (map_server's pgm and yaml), yaml and png write one file per world to the folder
+    TARGET.
     """
     if form is None:
         # The same rule as in `generate`.
@@ -144,23 +145,23 @@ def show_list(source: str | None, select: str, as_json: bool) -> None:
 @click.option(
     "--formula",
     default="corrected",
-    help="Formulas: corrected, published (which give the printed numbers) or paper_text"
-    " (as the paper's text states them).",
+    help="Formulas: corrected, published (which reproduce the printed numbers) or"
+    " paper_text (as the paper's text states them).",
 )
 @click.option(
     "--robot",
     type=ROBOT,
-    help="Name or YAML file of the robot whose C-space and path are measured [default:"
-    " the worlds' own].",
+    help="Robot whose C-space and path are measured: a name or a YAML file [default: the worlds' robot].",
 )
 @json_option
 def metrics(
     source: str, select: str, formula: str, robot: str | None, as_json: bool
 ) -> None:
-    """Compute the five difficulty metrics of the worlds of SOURCE and their summary, as in the paper's Table II.
+    """Compute the five difficulty metrics of the worlds of SOURCE and their summary.
 
-    The metrics order worlds better than the learned difficulty does under protocol
-    challenge, but worse under paper2020.
+    The summary has the form of the paper's Table II. The metrics order worlds better
+    than `barn difficulty predict` does under protocol challenge, but worse under
+    paper2020.
     """
     content = worlds.metrics_table(source, select, formula, robot=robot or "")
     headings, rows = content.summary_cells()

@@ -19,22 +19,24 @@ class RewardConfig(Checked):
 
     discount: float = quantity(
         0.995,
-        "the learner's own discount per step, which shapes the reward for progress",
+        "discount per step of the learner, which shapes the reward for progress",
         "",
         0.0,
         1.0,
     )
     progress_per_m: float = quantity(
-        1.0, "reward for every meter of progress from the start, lost on the way back"
+        1.0,
+        "reward for each meter of progress from the start; moving back costs the same amount",
     )
     progress_along: str = quantity(
         ALONG_PATH,
-        "whether progress is measured straight or along the world's path",
+        "whether progress is measured along a straight line or along the world's path",
         choices=(STRAIGHT, ALONG_PATH),
     )
-    per_second: float = quantity(-0.1, "reward for every second")
+    per_second: float = quantity(-0.1, "reward for each second of an episode")
     near_per_second: float = quantity(
-        -0.5, "reward for every second at an obstacle, proportionally less farther away"
+        -0.5,
+        "reward for each second at an obstacle; the reward falls linearly with the distance",
     )
     near_m: float = quantity(
         0.6,
@@ -43,10 +45,10 @@ class RewardConfig(Checked):
         minimum=0.01,
     )
     shielded_per_second: float = quantity(
-        -1.0, "reward for every second in which the collision check changes the command"
+        -1.0, "reward for each second in which the collision check changes the command"
     )
     shielded_limit: float = quantity(
-        5.0, "most that shielded_per_second adds up to in an episode", minimum=0.0
+        5.0, "limit of the sum of shielded_per_second in an episode", minimum=0.0
     )
     success: float = quantity(10.0, "reward for reaching the goal")
     collision: float = quantity(
@@ -55,7 +57,7 @@ class RewardConfig(Checked):
         " or for a command that is not finite",
     )
     out_of_time: float = quantity(
-        -10.0, "reward for running out of the protocol's time"
+        -10.0, "reward for exceeding the protocol's time limit"
     )
 
 

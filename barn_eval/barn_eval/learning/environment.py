@@ -115,8 +115,8 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         """Return what a copy needs; ConfigError once an episode has begun."""
         if self._episodes is not None:
             raise ConfigError(
-                "an environment cannot be copied once it has begun an episode; make"
-                " another and reset both with the same seed"
+                "an environment cannot be copied after its first reset; create another"
+                " and reset both with the same seed"
             )
         return self.__dict__.copy()
 
@@ -358,8 +358,7 @@ class JackalVectorEnv(SyncVectorEnv):
     def __getstate__(self) -> dict[str, Any]:
         """Raise ConfigError: the physics of a batch cannot be copied."""
         raise ConfigError(
-            "a batch of environments cannot be copied; make another and reset both with"
-            " the same seed"
+            "a batch of environments cannot be copied; create another and reset both with the same seed"
         )
 
     def reset(

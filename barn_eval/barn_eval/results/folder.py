@@ -182,8 +182,7 @@ class ResultsFolder:
         trial_id = record.result.trial_id
         if not is_same:
             raise StoreError(
-                f"{self.path}: is no longer the folder in which this run began, which was"
-                f" moved; {trial_id} is lost"
+                f"{self.path}: is not the folder of this run, which was moved; {trial_id} is lost"
             )
         if trial_id in self._completed_ids:
             raise ValueError(f"trial {trial_id} already has a result")

@@ -73,7 +73,7 @@ class RunFile:
         except ConfigError as error:
             raise ConfigError(f"{error}{run_file.origin_note()}") from None
         if not config:
-            raise ConfigError(f"{path}: describes no run: has no experiment")
+            raise ConfigError(f"{path}: describes no run: key experiment is missing")
 
         # The folder may have been moved since it was written.
         if config.get("dataset") == WORLDS and (folder / WORLDS).is_file():

@@ -441,8 +441,8 @@ class TrialRunner:
             if not self._has_told_rate:
                 self._has_told_rate = True
                 self.context.loop.note(
-                    f"the planner sends {rate_hz:.3g} commands per simulated second;"
-                    " lockstep waits only for these (declare: --ros planner_rate_hz)"
+                    f"the planner sends {rate_hz:.3g} commands per simulated second; lockstep waits"
+                    " only for these commands; to declare the rate, use --ros planner_rate_hz"
                 )
             return rate_hz, "found"
         if declared_hz:

@@ -172,7 +172,7 @@ def action_class(type_name: str) -> Any:
     if action is None:
         package = type_name.partition("/")[0]
         raise ConfigError(
-            f"{option}: {package} is not installed; goal_by topic does not need it"
+            f"{option}: {package} is not installed; install it, or use goal_by topic"
         )
     fields = action.Goal.get_fields_and_field_types()
     if fields.get("pose") != _POSE_TYPE:

@@ -243,8 +243,8 @@ class SimulatorClient:
         # Time stops first, so that none passes between the reset and the release.
         if not _read_status(self._ask("pause", limit_s, on=True)):
             raise BarnError(
-                "simulator: its ~/pause does not answer like the suite's own; describe"
-                " it in a file, for barn run --system or the parameter system"
+                "simulator: its ~/pause does not answer like the suite's simulator; describe"
+                " yours in a file, for barn run --system or the parameter system"
             )
         self._ask("set_parameters", limit_s, values=values)
         # Messages that were sent before this time are not of the trial.

@@ -128,8 +128,8 @@ def isolation_warning(setup: RosConfig) -> str:
         return ""
     reason = probe_isolation() if setup.isolate else "isolate=false"
     return (
-        f"planners are not kept apart from the suite's processes ({reason}):"
-        " if one of these ends, the trial counts as the planner's failure"
+        f"planners are not isolated from the suite's processes ({reason}): if one of"
+        " these ends, the trial counts as the planner's failure"
     )
 
 

@@ -47,13 +47,14 @@ class JudgeOptions(Checked):
 
     world: str = quantity(
         "",
-        "number of the world of all bags, or of each, such as 0,30,60; by default the one"
-        " that the suite's bag or its name has; otherwise the world is unknown",
+        "number of the world, one for all bags or one for each, such as 0,30,60; by"
+        " default read from the suite's bag or its name, otherwise unknown",
     )
     dataset: str = quantity(
-        "", "data set of the worlds; by default the bag's, otherwise barn300"
+        "",
+        "data set of the worlds; by default the data set in the bag, otherwise barn300",
     )
-    protocol: str = quantity("challenge", "rules: a name or a YAML file")
+    protocol: str = quantity("challenge", "protocol: a name or a YAML file")
     robot: str = quantity("jackal", "robot: a name or a YAML file")
     system: str = quantity("unnamed", "name that you choose for the simulator or robot")
     kind: str = quantity("robot", "kind of system", choices=("simulator", "robot"))
@@ -63,23 +64,23 @@ class JudgeOptions(Checked):
     )
     pose: str = quantity(
         "",
-        "topic of poses, or frames of tf, such as /tf:odom.base_link; by default the"
-        " odometry",
+        "topic of poses, or frames of tf, such as /tf:odom.base_link; by default the odometry topic",
     )
     frame: str = quantity(
         "auto",
-        "frame of the poses: the world's, one that begins anywhere, or by its name",
+        "frame of the poses: world, odom (with an arbitrary origin), or auto (selected by the frame's name)",
         choices=("auto", "world", "odom"),
     )
     goal: str = quantity("", "topic of goals; by default goal_pose")
     contact: str = quantity(
-        "", "topic of contacts (Bool), operator or none; by default collision, if any"
+        "",
+        "topic of contacts (Bool), operator or none; by default collision if the bag has that topic",
     )
     contact_at: str = quantity(
         "",
-        "with contact operator: seconds from the start to each contact, such as 3.5,12",
+        "with contact operator: time from the start to each contact in s, such as 3.5,12",
     )
-    namespace: str = quantity("", "namespace before the names of topics")
+    namespace: str = quantity("", "namespace of the topics")
 
     def __post_init__(self) -> None:
         """Raise ConfigError for a value that is not allowed."""
@@ -143,7 +144,7 @@ def judge(
     system = min(systems, key=str)
     if len(systems) > 1:
         examples = "; ".join(f"{path} of {of.label}" for of, path in systems.items())
-        raise BagError(f"{examples}: judge each system into a folder of its own")
+        raise BagError(f"{examples}: judge each system into its own folder")
     segments: list[Segment] = []
     for number, drive in enumerate(drives):
         for segment in _split_by_goals(drive):
@@ -269,8 +270,7 @@ def _make_request(
     datasets = sorted({segment.dataset for segment in segments})
     if len(datasets) > 1:
         raise ConfigError(
-            f"bags are of several data sets, {', '.join(datasets)}: judge each into"
-            " a folder of its own"
+            f"bags are of several data sets, {', '.join(datasets)}: judge each into its own folder"
         )
     worlds = None
     protocol = load_protocol(options.protocol)

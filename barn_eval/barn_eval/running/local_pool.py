@@ -58,8 +58,8 @@ class LocalPool(WorkerPool):
             self._work = cloudpickle.dumps(work)
         except Exception as error:
             raise ConfigError(
-                "a planner cannot be sent to a worker process"
-                f" ({type(error).__name__}: {error}); workers=1 starts none"
+                f"a planner cannot be sent to a worker process ({type(error).__name__}:"
+                f" {error}); use workers=1, which starts no worker process"
             ) from None
         self._environment = os.environ | ENVIRONMENT
         if work.needs_import_path:

@@ -210,8 +210,7 @@ def name_planner(command: str) -> str:
     name = re.sub(r"[^A-Za-z0-9_-]+", "_", stem).strip("_-")[:60] or "planner"
     if name in planner_names():
         raise ConfigError(
-            f"planner command {format_value(command)}: give its planner a name;"
-            f" {name!r} is one of the suite's own"
+            f"planner command {format_value(command)}: give its planner a name; {name!r} is a planner of the suite"
         )
     return name
 
@@ -253,8 +252,8 @@ def apply_parameters(
         name, values = _find_planner(str(key), value, planners)
         if name not in values_by_planner:
             raise ConfigError(
-                f"{where}parameters of planner {format_value(name)}, which the run does"
-                f" not have{suggest(name, values_by_planner)}"
+                f"{where}parameters of planner {format_value(name)}, which is not part"
+                f" of the run{suggest(name, values_by_planner)}"
             )
         overrides = {str(parameter): item for parameter, item in values.items()}
         values_by_planner[name] |= overrides

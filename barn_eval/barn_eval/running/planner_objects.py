@@ -49,8 +49,7 @@ class PlannerObject:
                 return planner
             except Exception as error:
                 raise BarnError(
-                    f"planner {self.name!r} cannot be made:"
-                    f" {type(error).__name__}: {error}"
+                    f"planner {self.name!r} cannot be created: {type(error).__name__}: {error}"
                 ) from error
         return source if isinstance(source, Planner) else FunctionPlanner(source)
 
@@ -126,8 +125,7 @@ def split_planner_objects(
         # Results of two planners under one name would be compared as one.
         if planner.name in planner_names():
             raise ConfigError(
-                f"planner {planner.name!r}: is a planner of the registry; give yours"
-                " another name"
+                f"planner {planner.name!r}: is a registered planner; give your planner another name"
             )
         objects[planner.name] = planner
         choices.append(PlannerChoice(planner.name, source=fingerprint(source)))

@@ -154,9 +154,8 @@ def find_packaged(words: Sequence[str]) -> Executable | None:
     executable = find_executable(words[0].removeprefix(PREFIX))
     if executable.launched and ":=" in "".join(words[1:2]):
         raise ConfigError(
-            f"planner package {words[0].removeprefix(PREFIX)!r}: arguments of launch"
-            f" files are not read, got {words[1]!r}; parameters of its nodes follow"
-            " --ros-args -p"
+            f"planner package {words[0].removeprefix(PREFIX)!r}: arguments of launch files are not supported, got"
+            f" {words[1]!r}; set parameters of its nodes after --ros-args -p"
         )
     return executable
 
@@ -261,7 +260,9 @@ def _read_launched(path: Path, packages: Sequence[Path]) -> Executable:
             )
         launched.append((executable, arguments))
     if not launched:
-        raise ConfigError(f"{path}: starts no node of its package or one beside it")
+        raise ConfigError(
+            f"{path}: starts no node of its package or of a package beside it"
+        )
     folder = launched[0][0].folder
     return Executable(path.name, folder, str(path), tuple(launched))
 

@@ -141,7 +141,7 @@ class RayPool(WorkerPool):
             report: Report = self._ray.get(reference)
         except errors.RuntimeEnvSetupError as error:
             raise ConfigError(
-                f"engine ray: a worker cannot be set up: {format_error(error)}"
+                f"engine ray: cannot start a worker: {format_error(error)}"
             ) from None
         except errors.RayError as error:
             reason = f"its worker was lost: {type(error).__name__}"
@@ -154,7 +154,7 @@ class RayPool(WorkerPool):
             return function(*args, **options)
         except (ConnectionError, self._ray.exceptions.RaySystemError) as error:
             raise BarnError(
-                f"engine ray: the cluster is gone: {format_error(error)}"
+                f"engine ray: lost the connection to the cluster: {format_error(error)}"
             ) from None
 
 

@@ -165,8 +165,8 @@ class Run:
             # A decision between planners needs all of their trials.
             if not row.is_scored:
                 raise BarnError(
-                    f"{row.trial_id} failed through no fault of the planner; the same"
-                    " command runs it again"
+                    f"{row.trial_id} failed, but not through a fault of the planner;"
+                    " the same command repeats the trial"
                 )
         return results
 
@@ -231,9 +231,8 @@ def _require_time(spec: TrialSpec) -> float:
     is_first_look = spec.protocol.limit_is_chosen and spec.world.start is None
     if least_s > protocol.limit_s and not is_first_look:
         raise ConfigError(
-            f"{spec.planner} in {spec.world.name} needs at least {least_s:.1f} s at"
-            f" {speed_mps:g} m/s, above limit_s = {protocol.limit_s:g} s; set a longer"
-            f" one in a protocol file with base: {spec.protocol.name}"
+            f"{spec.planner} in {spec.world.name} needs at least {least_s:.1f} s at {speed_mps:g} m/s, above limit_s ="
+            f" {protocol.limit_s:g} s; set a longer limit in a protocol file with base: {spec.protocol.name}"
         )
     return least_s
 

@@ -163,9 +163,8 @@ def _place_poses(segment: Segment, spec: TrialSpec) -> tuple[Pose2D, list[str]]:
         origin = course.start @ segment.start.inverse()
     elif away_m > _FARTHEST_START_M:
         raise BagError(
-            f"{drive.path}: its poses in frame {drive.frame} begin {away_m:.1f} m from"
-            f" the start of world {segment.world}; if they are in a frame of their own,"
-            " add --frame odom"
+            f"{drive.path}: its poses in frame {drive.frame} begin {away_m:.1f} m from the start of world"
+            f" {segment.world}; if the origin of this frame is arbitrary, add --frame odom"
         )
     if segment.goal is None:
         return origin, []

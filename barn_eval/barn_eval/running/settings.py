@@ -264,7 +264,7 @@ def grid(base: RunRequest, sweep: Sweep) -> list[Setting]:
     planners = base.config.planners
     if len(planners) != 1:
         names = ", ".join(planner.name for planner in planners)
-        raise ConfigError(f"a sweep takes one planner, got {names}")
+        raise ConfigError(f"a sweep needs exactly one planner, got {names}")
 
     short_names = _short_names(list(sweep))
     settings = []
@@ -281,7 +281,7 @@ def grid(base: RunRequest, sweep: Sweep) -> list[Setting]:
         settings.append(replace(setting, name=name, values=short_values))
     # Two settings in one folder would overwrite each other.
     if len({setting.request.out for setting in settings}) < len(settings):
-        raise ConfigError("a sweep names one value twice")
+        raise ConfigError("a sweep must not contain a value twice")
     return settings
 
 

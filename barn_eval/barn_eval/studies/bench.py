@@ -138,11 +138,15 @@ def read_figures(path: Path) -> list[Measurement]:
 class BenchSetup(Checked):
     """What `bench` measures."""
 
-    dataset: str = quantity("barn300", "data set that has the world")
+    dataset: str = quantity("barn300", "data set that contains the world")
     world: int = quantity(
-        -1, "world of the trials; -1: the middle one", "", -1, 1_000_000_000
+        -1,
+        "world of the trials; -1: the world in the middle of the data set",
+        "",
+        -1,
+        1_000_000_000,
     )
-    repeats: int = quantity(3, "number of rounds; the best counts", "", 1, 100)
+    repeats: int = quantity(3, "number of rounds; the best round counts", "", 1, 100)
     ros: bool = quantity(True, "measure a trial over ROS if rclpy is installed")
 
 

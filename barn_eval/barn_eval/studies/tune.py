@@ -84,8 +84,7 @@ class Ranges:
         ranges = content.get("parameters")
         if not isinstance(ranges, dict) or not ranges or content.keys() - _FILE_KEYS:
             raise ConfigError(
-                f"{path}: must have parameters with their ranges, may have a planner;"
-                " other keys are not allowed"
+                f"{path}: must have the key parameters and may have the key planner; other keys are not allowed"
             )
         parameters = {
             key: _parse_range(content, f"{path}: {key}")
@@ -231,7 +230,7 @@ class Tuner:
             self.unseen = _thin(other_worlds, len(other_worlds) / _MAX_UNSEEN)
         if not self.unseen or not set(self.unseen) <= set(other_worlds):
             raise ConfigError(
-                "--unseen: must be worlds of the data set that --worlds does not have"
+                "--unseen: must be worlds of the data set that are not in --worlds"
             )
         self.default = self._read_default()
 

@@ -52,16 +52,20 @@ class PoseRule(Checked):
     used.
     """
 
-    anchor_x: str = quantity("map", "point from which x is counted", choices=ANCHORS)
-    x_m: float = quantity(0.0, "x from its anchor", "m", -1000.0, 1000.0)
+    anchor_x: str = quantity("map", "reference point of x", choices=ANCHORS)
+    x_m: float = quantity(
+        0.0, "x relative to its reference point", "m", -1000.0, 1000.0
+    )
     x_min_m: float = quantity(
         -1000.0, "lowest x in the map frame", "m", -1000.0, 1000.0
     )
     x_max_m: float = quantity(
         1000.0, "highest x in the map frame", "m", -1000.0, 1000.0
     )
-    anchor_y: str = quantity("map", "point from which y is counted", choices=ANCHORS)
-    y_m: float = quantity(0.0, "y from its anchor", "m", -1000.0, 1000.0)
+    anchor_y: str = quantity("map", "reference point of y", choices=ANCHORS)
+    y_m: float = quantity(
+        0.0, "y relative to its reference point", "m", -1000.0, 1000.0
+    )
     yaw_rad: float = quantity(
         math.pi / 2.0, "heading in the map frame", "rad", -math.pi, math.pi
     )
@@ -111,7 +115,7 @@ class PoseRule(Checked):
         for axis, anchor in (("x", self.anchor_x), ("y", self.anchor_y)):
             if anchor not in anchors:
                 raise ConfigError(
-                    f"anchor_{axis}: a start cannot be counted from {anchor!r}"
+                    f"anchor_{axis}: a start cannot be relative to {anchor!r}"
                 )
         x = anchors[self.anchor_x][0] + self.x_m
         y = anchors[self.anchor_y][1] + self.y_m
@@ -169,22 +173,28 @@ class Protocol(Checked):
     first_motion_limit_s: float = quantity(
         30.0, "longest simulated time until the clock starts", "s", 0.1, 100_000.0
     )
-    collision_ends_trial: bool = quantity(False, "a contact ends the trial")
+    collision_ends_trial: bool = quantity(False, "whether a contact ends the trial")
     simulator: str = quantity(
         "paper2020", "preset of the simulator that the trial starts from"
     )
     planner_preset: str = quantity(
-        "paper2020", "preset of planners unless a run names another"
+        "paper2020", "preset of planners unless a run names another preset"
     )
-    movable_obstacles: bool = quantity(True, "obstacles can be pushed")
-    map_given: bool = quantity(True, "the planner gets a map and its pose in the map")
+    movable_obstacles: bool = quantity(True, "whether the robot can push obstacles")
+    map_given: bool = quantity(
+        True, "whether the planner gets a map and its pose in the map"
+    )
     historical_map: bool = quantity(
         False,
-        "the map's obstacles are one cell nearer, as in the original data set; the pose,"
-        " which comes from matching scans to that map, is shifted as well",
+        "whether the map shows obstacles one cell too near, as in the original data set; this"
+        " also shifts the pose, which is estimated by matching scans to the map",
     )
     goal_period_s: float = quantity(
-        0.1, "time between two sendings of the goal; 0: sent once", "s", 0.0, 1000.0
+        0.1,
+        "period at which the goal is sent again; 0: the goal is sent once",
+        "s",
+        0.0,
+        1000.0,
     )
     control_period_s: float = quantity(
         0.05, "time between commands in lockstep", "s", 0.001, 10.0
@@ -204,18 +214,19 @@ class Protocol(Checked):
         choices=METRICS,
     )
     clipped: bool = optional(
-        True, "the challenge metric clips the time to 2 to 8 times the optimal time"
+        True,
+        "whether the challenge metric clips the time to 2 to 8 times the optimal time",
     )
     look_period_s: float = optional(
         0.0,
-        "simulated time between two looks at the robot, by which a trial is judged; 0:"
-        " every reading counts",
+        "simulated time between two checks of the robot by the referee; 0: every reading is checked",
         "s",
         0.0,
         10.0,
     )
     arena: bool = optional(
-        False, "the protocol is for arenas, worlds without the containment of BARN"
+        False,
+        "whether the protocol is for arenas, which are worlds without BARN's containment",
     )
     edge_m: float = optional(
         _UNLIMITED_M,
@@ -226,22 +237,20 @@ class Protocol(Checked):
     )
     own_limit: float = optional(
         3.0,
-        "on a world's own course, the limit is at least this many times the time that"
-        " its path takes at a quarter of the reference speed, or at the robot's top speed"
-        " if that is lower; 0: the limit is limit_s",
+        "factor on the time that the path of a world's own course takes at a quarter of the reference speed (or at"
+        " the robot's top speed, if lower); the limit is at least this product; 0: the limit is limit_s",
         "",
         0.0,
         1000.0,
     )
     random_phase: bool = optional(
         True,
-        "moving obstacles begin at a time in their motions that is drawn from the trial's"
-        " seed, not at 0",
+        "whether moving obstacles start at a random time in their motions, drawn from"
+        " the trial's seed, instead of at 0",
     )
     clear_start_s: float = optional(
         0.0,
-        "time for which moving obstacles stay clear of a robot that waits at its start;"
-        " other times in their motions are not drawn",
+        "with a random start time: time for which no moving obstacle reaches a robot that waits at its start",
         "s",
         0.0,
         1000.0,
@@ -278,8 +287,7 @@ class Protocol(Checked):
         if world.start is not None and world.goal is not None:
             if self.historical_map:
                 raise ConfigError(
-                    f"{where}has a start and goal of its own, but protocol {self.name}"
-                    " sets both by its rules"
+                    f"{where}has its own start and goal, but protocol {self.name} sets both by its rules"
                 )
             distance_m = world.start.distance(world.goal)
             if distance_m <= self.goal_distance_m:
@@ -494,8 +502,7 @@ def check_protocol_name(protocol: Protocol, where: str = "") -> None:
     for item in fields(Protocol):
         if getattr(built_in, item.name) != getattr(protocol, item.name):
             raise ConfigError(
-                f"{where}name: {protocol.name!r} is built in with another {item.name};"
-                " give this one a name of its own"
+                f"{where}name: {protocol.name!r} is built in with another {item.name}; choose another name"
             )
 
 

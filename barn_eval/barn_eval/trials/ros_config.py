@@ -40,42 +40,45 @@ class WaitLimits(Checked):
 
     start_s: float = _limit(
         180.0,
-        "replaces simulator_s and gate_s before the first trial, as kernels may compile",
+        "time limit instead of simulator_s and gate_s before the first trial, when kernels may compile",
     )
-    simulator_s: float = _limit(30.0, "until the simulator is running and reset")
-    gate_s: float = _limit(30.0, "until the planner is running and ready")
-    lifecycle_s: float = _limit(60.0, "until all nodes of lifecycle_nodes are active")
+    simulator_s: float = _limit(30.0, "time limit for the simulator to start and reset")
+    gate_s: float = _limit(30.0, "time limit for the planner to start and become ready")
+    lifecycle_s: float = _limit(
+        60.0, "time limit for all lifecycle_nodes to become active"
+    )
     mismatch_s: float = _limit(
-        2.0, "time for publishers of a wrong type to be replaced", 0.0
+        2.0, "time limit for replacing publishers of a wrong type", 0.0
     )
     settle_s: float = _limit(
         0.3,
-        "time for which the graph must stay complete, so that all nodes see it",
+        "time for which all nodes must stay on the ROS graph before a trial",
         0.0,
         60.0,
     )
     connection_s: float = _limit(
         3.0,
-        "for simulator and planner to connect once they are on the graph",
+        "time limit for simulator and planner to connect after both are on the ROS graph",
         0.0,
         60.0,
     )
-    service_s: float = _limit(10.0, "for the answer to a service call")
-    command_s: float = _limit(15.0, "without a command, during a trial")
-    clock_s: float = _limit(15.0, "without a tick of /clock, during a trial")
+    service_s: float = _limit(10.0, "time limit for the answer to a service call")
+    command_s: float = _limit(15.0, "time limit without a command during a trial")
+    clock_s: float = _limit(15.0, "time limit without a tick of /clock during a trial")
     vanished_s: float = _limit(
         1.0,
-        "for which the planner may lack a publisher on the graph, during a trial",
+        "time limit without a publisher of the planner on the ROS graph during a trial",
         0.0,
     )
     slowness: float = quantity(
         50.0,
-        "limit per simulated second, over a minute in which the planner owes answers",
+        "limit of wall-clock time per simulated second, averaged over a minute in"
+        " which lockstep waits for the planner",
         "s",
         1.0,
         1e6,
     )
-    trial_s: float = _limit(3600.0, "for a whole trial", maximum_s=1e6)
+    trial_s: float = _limit(3600.0, "time limit for a whole trial", maximum_s=1e6)
 
 
 @dataclass(frozen=True)
@@ -90,11 +93,11 @@ class PlannerLink(Checked):
     )
     planner_node: str = quantity(
         "",
-        "name of a node to wait for, whose ~/ready, ~/reset and seed are used if"
-        " offered; empty: the node that sends commands",
+        "name of the planner's node to wait for; the evaluator uses its ~/ready,"
+        " ~/reset and seed if they exist; empty: the node that sends commands",
     )
     goal_by: str = quantity(
-        "topic", "how the planner gets its goal", choices=GOAL_METHODS
+        "topic", "interface by which the planner gets its goal", choices=GOAL_METHODS
     )
     goal_action: str = quantity(
         "navigate_to_pose",
@@ -102,12 +105,11 @@ class PlannerLink(Checked):
     )
     goal_action_type: str = quantity(
         "nav2_msgs/action/NavigateToPose",
-        "type of goal_action, whose goal must have a field pose of type PoseStamped",
+        "type of goal_action; its goal must have a field pose of type PoseStamped",
     )
     lifecycle_nodes: tuple[str, ...] = quantity(
         (),
-        "names of managed nodes that must be active before a trial, such as"
-        " bt_navigator",
+        "names of lifecycle nodes that must be active before a trial, such as bt_navigator",
     )
     required_inputs: tuple[str, ...] = quantity(
         ("scan", "odom", "goal_pose"),
@@ -115,22 +117,21 @@ class PlannerLink(Checked):
         choices=INPUTS,
     )
     map_frame: str = quantity(
-        "map", "frame of the map, and of the goal if the planner is given a map"
+        "map", "frame of the map, and of the goal if the planner gets a map"
     )
     odom_frame: str = quantity(
-        "odom", "frame of the odometry, and of the goal if the planner is given no map"
+        "odom", "frame of the odometry, and of the goal if the planner gets no map"
     )
     planner_rate_hz: float = quantity(
         0.0,
-        "rate at which the planner sends commands, which are all that lockstep waits for;"
-        " 0: one per scan, or the rate that is found",
+        "rate of the planner's commands that lockstep waits for; 0: one command per scan, or the measured rate",
         "Hz",
         0.0,
         1000.0,
     )
     restart_planner: str = quantity(
         "on_fault",
-        "when a supervised planner is restarted for the next trial",
+        "when the suite restarts a planner that it started",
         choices=RESTARTS,
     )
     patience: WaitLimits = field(default_factory=WaitLimits)
@@ -140,13 +141,15 @@ class PlannerLink(Checked):
 class RosConfig(PlannerLink):
     """What a run over ROS needs to know beyond its trials."""
 
-    lockstep: bool = quantity(True, "the simulator waits for a command after each scan")
+    lockstep: bool = quantity(
+        True, "whether the simulator waits for a command after each scan"
+    )
     command_wait_s: float = _limit(
         5.0, "longest wait of the simulator for a command, in wall-clock time", 0.001
     )
     real_time_factor: float = quantity(
         1.0,
-        "simulated over real time without lockstep; 0: as fast as possible",
+        "ratio of simulated time to real time without lockstep; 0: as fast as possible",
         "",
         0.0,
         1000.0,
@@ -156,18 +159,17 @@ class RosConfig(PlannerLink):
     )
     remap: tuple[str, ...] = quantity(
         (),
-        "topics that have another name in simulator and evaluator, as FROM:=TO, or"
-        " one by one as remap.FROM=TO",
+        "topics to rename in simulator and evaluator, as FROM:=TO for several topics or remap.FROM=TO for one topic",
     )
     base_frame: str = quantity("base_link", "frame of the robot")
     lidar_frame: str = quantity("lidar_link", "frame of the scans")
     ground_truth: bool = quantity(
-        False, "publish the true pose and contacts; rows name who reads them"
+        False,
+        "whether to publish the true pose and contacts; rows name the nodes that read them",
     )
     isolate: bool = quantity(
         True,
-        "the planner's processes see and signal only each other, if the kernel supports"
-        " that",
+        "whether the planner's processes can see and signal only each other, if the kernel supports this",
     )
 
     def __post_init__(self) -> None:
@@ -201,7 +203,7 @@ class EvaluatorConfig(PlannerLink):
     repetitions: int = quantity(1, "trials per world", "", 1, 99)
     out: str = quantity(
         "barn_out",
-        "folder of the results; an equal run that it holds is resumed",
+        "folder of the results; a run with the same configuration is resumed there",
     )
     bags: str = quantity("all", "which trials keep a bag", choices=BAGS)
     simulator_node: str = quantity(
@@ -209,20 +211,19 @@ class EvaluatorConfig(PlannerLink):
     )
     system: str = quantity(
         "",
-        "YAML file of a simulator or robot that somebody else runs; empty: the suite's"
-        " simulator",
+        "YAML file of a simulator or robot that you run yourself; empty: the suite's simulator",
     )
     publish_map: bool = quantity(
         True,
-        "publish the map if the protocol gives one; a map server may do so instead",
+        "whether to publish the map if the protocol gives a map; false: a map server publishes it",
     )
     bag_exclude: tuple[str, ...] = quantity(
         ("/parameter_events",), "topics that are not recorded"
     )
-    assignment: str = quantity("", "file that says what to do, from the supervisor")
+    assignment: str = quantity("", "file with the supervisor's instructions")
     supervisor_fd: int = quantity(
-        -1, "socket to the supervisor, -1 for none", "", -1, 1_000_000
+        -1, "socket to the supervisor; -1: none", "", -1, 1_000_000
     )
     simulator_fd: int = quantity(
-        -1, "private line to the simulator, -1 for none", "", -1, 1_000_000
+        -1, "private socket to the simulator; -1: none", "", -1, 1_000_000
     )

@@ -85,7 +85,7 @@ class PlannerChoice(Checked):
 
     name: str = quantity("dwa", "name of the planner")
     preset: str = quantity(
-        "", "preset of its parameters; empty: the one that the protocol names"
+        "", "preset of its parameters; empty: the preset that the protocol names"
     )
     overrides: dict[str, Any] = field(default_factory=dict)
     entry: str = optional(
@@ -103,8 +103,7 @@ class PlannerChoice(Checked):
     )
     max_speed_mps: float = optional(
         0.0,
-        "for a planner with a command or a source: the highest speed that it commands,"
-        " and to which it is held; 0: the robot's",
+        "for a planner with a command or a source: highest speed that it may command; 0: the robot's top speed",
         "m/s",
         0.0,
         100.0,
@@ -127,8 +126,7 @@ class PlannerChoice(Checked):
             )
         if not self.registered and (self.preset or self.overrides or self.entry):
             raise ConfigError(
-                f"planner {self.name!r}: presets and parameters are for planners of the"
-                " registry"
+                f"planner {self.name!r}: only registered planners have presets and parameters"
             )
         # Rows, pages and colors know the registry's planners by their names.
         if self.entry and self.name in planner_names():
@@ -138,7 +136,7 @@ class PlannerChoice(Checked):
             )
         if self.input and not self.command:
             raise ConfigError(
-                f"planner {self.name!r}: only a planner that a command starts takes an input"
+                f"planner {self.name!r}: only a planner with a command can have an input"
             )
         if len(self.input) > _MAX_INPUT:
             raise ConfigError(
@@ -147,8 +145,7 @@ class PlannerChoice(Checked):
             )
         if self.registered and self.max_speed_mps:
             raise ConfigError(
-                f"planner {self.name!r}: its parameters decide its speed cap; it takes"
-                " no max_speed_mps"
+                f"planner {self.name!r}: its parameters set its speed cap, so max_speed_mps is not allowed"
             )
         self._compute_of_choice()  # refuses times that contradict each other
 
@@ -208,7 +205,7 @@ class RunConfig(Checked):
 
     dataset: str = quantity("barn300", "data set: a name, folder or file")
     worlds: str = quantity(
-        "all", "which worlds: 0, 0-49, 0:300:6, 1,4,7-9 or all", is_selection=True
+        "all", "worlds, such as 0, 0-49, 0:300:6, 1,4,7-9 or all", is_selection=True
     )
     planners: tuple[PlannerChoice, ...] = (PlannerChoice(),)
     repetitions: int = quantity(1, "trials per world and planner", "", 1, 99)
@@ -217,24 +214,27 @@ class RunConfig(Checked):
         default_factory=lambda: simulator_config(CHALLENGE)
     )
     seed: int = quantity(0, "seed of all random numbers", "", 0, 2**62)
-    mode: str = quantity("direct", "one process or ROS nodes", choices=MODES)
-    bags: str = quantity("none", "which trials are recorded", choices=BAGS)
+    mode: str = quantity(
+        "direct",
+        "run trials in one process (direct) or with ROS nodes (ros)",
+        choices=MODES,
+    )
+    bags: str = quantity("none", "trials to record in bags", choices=BAGS)
     compute: str = optional(
         DECLARED,
-        "computing time that trials charge: what the planner declares, if anything, or"
-        " what is measured, at this machine's pace",
+        "computing time that trials charge: the time that the planner declares, if"
+        " any, or the time measured on this machine",
         choices=(DECLARED, MEASURED),
     )
     ros: RosConfig = field(default_factory=RosConfig)
     course: tuple[float, ...] = optional(
         (),
-        "start x, y, yaw and goal x, y for all worlds, in m and rad, instead of their"
-        " own",
+        "start x, y, yaw and goal x, y for all worlds, in m and rad, instead of the worlds' own courses",
     )
     # `RunRequest` draws them, and makes each a world of the run.
     routes: int = optional(
         0,
-        "routes to draw in each world from the seed, each a world of its own",
+        "routes to draw at random in each world; each route counts as a world",
         "",
         0,
         1000,
@@ -287,8 +287,8 @@ class RunConfig(Checked):
             is_own = not planner.registered and not self.system.is_observed
             if is_own and plain_name in planner_names():
                 raise ConfigError(
-                    f"planner {planner.name!r}: is a planner of the suite; give yours"
-                    f" another name, such as my_{plain_name}"
+                    f"planner {planner.name!r}: is a planner of the suite; give your"
+                    f" planner another name, such as my_{plain_name}"
                 )
 
     def compute_mode(self, compute: Compute) -> str:
@@ -423,15 +423,15 @@ class RunConfig(Checked):
 class ExecutionConfig(Checked):
     """How a run is executed; nothing here changes a result."""
 
-    engine: str = quantity("local", "what runs the trials", choices=ENGINES)
+    engine: str = quantity("local", "engine that runs the trials", choices=ENGINES)
     # 0 is one per processor.
-    workers: int = quantity(0, "trials at a time", "", 0, 10_000)
+    workers: int = quantity(0, "trials to run at a time", "", 0, 10_000)
     address: str = quantity(
         "", "address of a Ray cluster; empty: start one on this machine"
     )
     trial_limit_s: float = quantity(
         600.0,
-        "wall-clock time after which a trial is given up; 0: never",
+        "wall-clock time after which the suite abandons a trial; 0: never",
         "s",
         0.0,
         1e6,

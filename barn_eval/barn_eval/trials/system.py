@@ -27,11 +27,11 @@ class System(Checked):
     pose: str = quantity(
         "truth",
         "source of poses: a topic without its namespace, such as /odom, or frames of"
-        " tf, such as /tf:odom.base_link; truth is what the suite's simulator knows",
+        " tf, such as /tf:odom.base_link; truth means the suite's simulator",
     )
     frame: str = quantity(
         "world",
-        "frame of poses: the world's, or one that begins anywhere",
+        "frame of poses: world, or odom with an arbitrary origin",
         choices=("world", "odom", "unknown"),
     )
     clock: str = quantity(
@@ -40,7 +40,7 @@ class System(Checked):
         choices=("simulation", "stamps", "log", "unknown"),
     )
     contact: str = quantity(
-        "simulation", "who reports contacts: a topic, operator, or none"
+        "simulation", "source of contacts: a topic, operator, or none"
     )
 
     def __post_init__(self) -> None:

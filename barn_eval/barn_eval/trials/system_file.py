@@ -23,9 +23,10 @@ class SystemFile(System):
     frame: str = quantity("odom", "frame of poses", choices=("world", "odom"))
     clock: str = quantity("stamps", "source of times", choices=("stamps", "log"))
     contact: str = quantity(
-        NO_CONTACT, "who reports contacts: a topic of std_msgs/msg/Bool, operator, none"
+        NO_CONTACT,
+        "source of contacts: a topic of std_msgs/msg/Bool, operator, or none",
     )
-    reset: str = quantity(OPERATOR, "who puts the robot at the start", choices=RESETS)
+    reset: str = quantity(OPERATOR, "what puts the robot at the start", choices=RESETS)
     reset_service: str = quantity(
         "/reset_simulation",
         "service that resets, of type std_srvs/srv/Trigger or ResetSimulation",
@@ -38,18 +39,20 @@ class SystemFile(System):
     )
     robot_entity: str = quantity(
         "",
-        "the robot's name in the simulator: after the reset, SetEntityState of the same"
-        " namespace puts it at the start; empty: the reset does so",
+        "name of the robot in the simulator; after the reset, SetEntityState in the same"
+        " namespace moves the robot to the start; empty: the reset moves the robot",
     )
     robot_z_m: float = quantity(
-        0.0, "height at which SetEntityState puts the robot", "m"
+        0.0, "height at which SetEntityState places the robot", "m"
     )
     world_node: str = quantity(
         "",
         "node that takes dataset, world, robot, seed, start_x_m, start_y_m and"
         " start_yaw_rad as parameters before the reset; empty: none",
     )
-    sim_time: bool = quantity(False, "planners of the suite take time from /clock")
+    sim_time: bool = quantity(
+        False, "whether planners of the suite take the time from /clock"
+    )
     # Names on the graph, by the suite's names.
     topics: dict[str, str] = field(default_factory=dict)
 

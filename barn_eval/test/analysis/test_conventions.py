@@ -73,4 +73,4 @@ def test_a_convention_needs_more_than_its_reference(tmp_path, rejected):
     with pytest.raises(ConfigError, match="has only trials of teleop"):
         rank_by_convention([path], CONVENTIONS["finals"])
     message = rejected(f"leaderboard {path} --convention finals --worlds 0", 2)
-    assert "--convention takes no --by" in message
+    assert "--convention cannot be used with --by" in message

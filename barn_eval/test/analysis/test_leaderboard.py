@@ -264,13 +264,13 @@ SWEEPS = """
 {sweep: {dwa.path_wieght: [1]}}
     did you mean 'dwa.path_weight'
 {sweep: {max_speed_mps: [0.1]}, planners: 'gap,dwa'}
-    a sweep takes one planner, got gap, dwa
+    a sweep needs exactly one planner, got gap, dwa
 {sweep: {dwa.path_weight: []}}
     must be a list of values
 {sweep: {dwa.path_weight: [[1]]}}
     a value must be a number, a string, true or false
 {sweep: {dwa.path_weight: [0.5, 0.5]}}
-    names one value twice
+    must not contain a value twice
 """
 
 

@@ -55,8 +55,8 @@ def test_the_page_on_metrics_quotes_the_card():
         f"none of them of barn300, it explains {shipped} % [{low}, {high}]" in section
     )
     assert (
-        f"Trained in barn300 alone it would come to {100 * folds['routes'][0]:.0f} %"
+        f"Trained in barn300 alone, it would explain {100 * folds['routes'][0]:.0f} %"
         in section
     )
     ceiling = float(re.search(r"allows an R2 of at most ([\d.]+)", card)[1])
-    assert f"the trials themselves allow {100 * ceiling:.0f} %" in section
+    assert f"The noise of the trials allows at most {100 * ceiling:.0f} %" in section

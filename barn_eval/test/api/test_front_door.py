@@ -288,7 +288,7 @@ def test_what_cannot_be_handed_to_a_worker_is_said(tmp_path):
 
     locked = {"locked": Locked()}
     with refused(
-        r"a planner cannot be sent to a worker process .* workers=1 starts none"
+        r"a planner cannot be sent to a worker process .* use workers=1, which starts no worker process"
     ):
         drive(locked, tmp_path, workers=2)
     (trial,) = drive(locked, tmp_path).trials
@@ -321,7 +321,7 @@ def test_what_goes_wrong_in_a_planner_of_ones_own_is_an_outcome(tmp_path, caplog
         def __init__(self):
             raise OSError("no weights")
 
-    with refused("planner 'Unmade' cannot be made: OSError: no weights", RunError):
+    with refused("planner 'Unmade' cannot be created: OSError: no weights", RunError):
         drive(Unmade, tmp_path / "unmade")
 
 
@@ -341,7 +341,7 @@ def test_what_goes_wrong_in_a_planner_of_ones_own_is_an_outcome(tmp_path, caplog
         (
             {"dwa": ahead},
             {},
-            "planner 'dwa': is a planner of the registry; give yours another name",
+            "planner 'dwa': is a registered planner; give your planner another name",
         ),
         (
             dict,
@@ -358,7 +358,7 @@ def test_what_goes_wrong_in_a_planner_of_ones_own_is_an_outcome(tmp_path, caplog
         (
             ahead,
             {"settings": {"ahead": {"a": 1}}},
-            "presets and parameters are for planners of the registry",
+            "only registered planners have presets and parameters",
         ),
     ],
 )
@@ -435,7 +435,7 @@ def test_folders_are_ranked_compared_and_reported_together(driven, tmp_path):
 def test_a_replay_without_a_bag_drives_the_trial_again(driven, caplog):
     page = driven.replay("Steady_w0060_r00")
     assert page.path == driven.folder / "replays" / "Steady_w0060_r00.html"
-    assert "Steady_w0060_r00 has no bag: the trial is driven again" in caplog.text
+    assert "Steady_w0060_r00 has no bag: running the trial again" in caplog.text
     assert "differs from its row" not in caplog.text
     caplog.clear()
     driven.replay("Steady_w0060_r00")
@@ -444,7 +444,9 @@ def test_a_replay_without_a_bag_drives_the_trial_again(driven, caplog):
     loaded.replay("gap_w0000_r00")
     with refused(r"'ahead' was a Python object: pass it to barn\.load\(folder, plan"):
         loaded.replay("ahead_w0000_r00")
-    with refused("planner 'slow': its source differs from that of these results"):
+    with refused(
+        "planner 'slow': its source differs from the source that gave these results"
+    ):
         barn.load(driven.folder, {"slow": Steady(0.5)}).replay("slow_w0000_r00")
     mine = driven.folder / "mine.html"
     barn.load(driven.folder, ahead).replay("ahead_w0000_r00", mine)

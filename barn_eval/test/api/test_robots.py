@@ -161,7 +161,7 @@ def test_worlds_kept_are_spread_over_the_order(tmp_path):
     for world, place in zip(selection, (0, 4, 7, 11), strict=True):
         assert world.checksum == whole[place].checksum
     assert len(generate(keep=1, **options)) == 1
-    with refused("keep must be at most the 12 worlds made, got 13"):
+    with refused("keep must be at most the 12 generated worlds, got 13"):
         generate(keep=13, **options)
 
 

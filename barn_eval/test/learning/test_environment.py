@@ -522,7 +522,7 @@ def test_a_copy_repeats_the_original_and_none_is_made_of_a_running_one(make):
         assert drive(other, 4) == expected
         other.close()
     for duplicate in (copy.deepcopy, pickle.dumps):
-        with refused("an environment cannot be copied once", BarnError):
+        with refused("an environment cannot be copied after", BarnError):
             duplicate(env)
     batch = gymnasium.make_vec("barn/Jackal-v0", 2, "vector_entry_point")
     with refused("a batch of environments cannot be copied", BarnError):

@@ -76,7 +76,7 @@ def test_a_folder_that_was_moved_away_takes_no_result(tmp_path):
         with refused("out: cannot be written: No such file", StoreError):
             folder.append(record(second))
         out.mkdir()
-        with refused("out: is no longer the folder in which this run", StoreError):
+        with refused("out: is not the folder of this run", StoreError):
             folder.append(record(second))
 
 

@@ -251,7 +251,9 @@ def test_a_simulator_of_others_is_not_taken_for_the_suites():
     client = SimulatorClient(
         None, lambda *_, **__: "done", EvaluatorConfig(dataset="barn300")
     )
-    with pytest.raises(BarnError, match="~/pause does not answer like the suite's own"):
+    with pytest.raises(
+        BarnError, match="~/pause does not answer like the suite's simulator"
+    ):
         client.prepare(spec, 1.0)
 
 

@@ -382,7 +382,7 @@ def test_what_is_missing_is_said_in_one_line(nearer, tmp_path, change, options, 
 
 def test_bags_of_several_systems_need_folders_of_their_own(nearer, tmp_path):
     other = write_bag(tmp_path / "other", messages_of(nearer, without("/collision")))
-    with refused("judge each system into a folder of its own", BagError):
+    with refused("judge each system into its own folder", BagError):
         judge([nearer, other], tmp_path / "out")
     with refused("2 numbers for 1 bags", ConfigError):
         judge([nearer], tmp_path / "out", JudgeOptions(world="1,2"))

@@ -149,7 +149,9 @@ def test_a_launch_file_starts_its_nodes_that_are_in_the_workspace(workspace, tmp
     shutil.copytree(folder / "launch", bringup)
     assert find_executable(f"{bringup}/near.launch.py").launched
 
-    with pytest.raises(ConfigError, match=r"are not read, got 'rviz:=false'; .* -p"):
+    with pytest.raises(
+        ConfigError, match=r"are not supported, got 'rviz:=false'; .* -p"
+    ):
         find_packaged([f"package:{workspace}:far.launch.py", "rviz:=false"])
 
     variables = executable.make_prefix(tmp_path / "prefix", {})

@@ -278,7 +278,7 @@ MISTAKES = """
 {planner_command: mine=run me, planner_input: other=1, mode: ros}
     planner input 'other=1': must be NAME=TEXT, with the name of a planner
 {planner_input: '1', planners: dwa, mode: ros}
-    planner 'dwa': only a planner that a command starts takes an input
+    planner 'dwa': only a planner with a command can have an input
 {planners: 'dwa,dwa:challenge'}
     names 'dwa' twice; give one another name, such as dwa_2=dwa:challenge
 {planners: 'gap=dwa'}
@@ -294,7 +294,7 @@ MISTAKES = """
 {planners: [{nam: dwa}]}
     planners: unknown key 'nam'; did you mean 'name'?
 {settings: {ebadn: {a: 1}}}
-    of planner 'ebadn', which the run does not have; did you mean 'eband'?
+    of planner 'ebadn', which is not part of the run; did you mean 'eband'?
 {repetitions: 0}
     : repetitions must be from 1 to 99, got 0
 {seed: -1}
@@ -312,7 +312,7 @@ MISTAKES = """
 {planner_command: [a, b], planners: [], mode: ros}
     give it as NAME=COMMAND
 {planner_command: python dwa.py, planners: [], mode: ros}
-    a name; 'dwa' is one of the suite's own
+    a name; 'dwa' is a planner of the suite
 {planner_command: '''', planners: x, mode: ros}
     planner command "'": No closing quotation
 {planner_command: ' ', planners: x, mode: ros}
@@ -324,7 +324,7 @@ MISTAKES = """
 {mode: ros, planner_command: E-Band=mine}
     planner 'E-Band': is a planner of the suite
 {planners: [{name: x, command: y, preset: z}]}
-    presets and parameters are for
+    only registered planners have presets
 {ros: {restart_planner: never}}
     the settings of ros need mode ros
 {mode: ros, ros: {bags: none}}

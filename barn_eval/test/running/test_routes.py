@@ -151,7 +151,7 @@ def test_a_limit_that_cannot_be_met_is_refused(rooms, tmp_path):
     with refused("dwa in rooms needs at least .* s at 0.05 m/s, above limit_s = 11 s"):
         check_limits(trials.trials())
     barn = request_of(rooms, tmp_path, dataset="barn300", worlds="0", **SLOW)
-    with refused("above limit_s = 100 s; set a longer one in a protocol file"):
+    with refused("above limit_s = 100 s; set a longer limit in a protocol file"):
         check_limits(barn.trials())
 
 

@@ -131,4 +131,4 @@ def test_too_few_worlds_are_refused(folders, tmp_path, rejected):
     judge([sim / "bags" / "gap_w0050_r00"], tmp_path / "few", LAB)
     with pytest.raises(ConfigError, match="at least 4 are needed"):
         measure_difficulty([tmp_path / "few"])
-    assert "--physical takes FOLDERS" in rejected(f"reproduce {lab}", 2)
+    assert "--physical and FOLDERS" in rejected(f"reproduce {lab}", 2)

@@ -55,7 +55,7 @@ def test_shipped_ranges_are_read_and_hold_the_defaults(name, tmp_path):
 
 NO_RANGES = """
 {}
-    must have parameters
+    must have the key parameters
 {max_speed_mps: {low: 1.0, high: 0.5}}
     max_speed_mps: must have low < high
 {max_speed_mps: 3}
@@ -76,7 +76,7 @@ def test_what_are_no_ranges_is_refused_in_one_line(parameters, words, tmp_path):
 def test_unknown_ranges_and_worlds_that_were_seen_are_refused(tmp_path):
     with refused("one of dwa, eband, gap, mppi", BarnError):
         Ranges.read("dvb")
-    with refused("worlds of the data set that --worlds does not have", BarnError):
+    with refused("worlds of the data set that are not in --worlds", BarnError):
         tuned(tmp_path, unseen="2,3")
     with refused("unknown measure 'min_clearnce_m'", BarnError):
         tuned(tmp_path, by=["min_clearnce_m"])

@@ -178,7 +178,7 @@ def test_a_planner_of_ones_own_declares_its_cap_as_a_setting():
     assert len({spec.planner_config for spec in specs}) == 3
     with refused("planner 'mine': max_speed_mps must be a number, got 'fast'"):
         read_request(None, options | {"settings": {"max_speed_mps": "fast"}})
-    with refused("planner 'dwa': its parameters decide its speed cap"):
+    with refused("planner 'dwa': its parameters set its speed cap"):
         PlannerChoice("dwa", max_speed_mps=0.5)
 
 

@@ -221,9 +221,7 @@ def test_a_worlds_course_exceeds_the_arrival_distance(open_world):
 
 
 def test_a_course_of_the_worlds_own_is_not_for_maps_that_are_off(open_world):
-    with refused(
-        r"^world bent: has a start and goal of its own, but protocol paper2020"
-    ):
+    with refused(r"^world bent: has its own start and goal, but protocol paper2020"):
         PAPER_2020.course(ended(open_world, 11.0))
 
 
@@ -428,7 +426,7 @@ MISTAKES = r"""
 {schema_version: 1, base: challenge, name: challenge, limit_s: 3}
     is built in with another limit_s;
 {schema_version: 1, base: challenge, name: paper2020}
-    'paper2020' is built in with another start; give
+    'paper2020' is built in with another start; choose
 {schema_version: 1, name: x}
     missing key 'goal' (or a base: challenge, dynabarn, dynabarn_clock, dynabarn_clear, known_map
 {schema_version: 1, name: x, goal: {}}
@@ -465,7 +463,7 @@ def test_unknown_protocols(name, complaint):
 
 @pytest.mark.parametrize("key", ["anchor_x", "anchor_y"])
 def test_a_start_cannot_be_counted_from_itself(open_world, key):
-    with refused(f"^{key}: a start cannot be counted from 'start'"):
+    with refused(f"^{key}: a start cannot be relative to 'start'"):
         Protocol(start=PoseRule(**{key: "start"})).course(open_world)
 
 

@@ -49,7 +49,10 @@ class CostmapConfig(Checked):
         minimum=0.0,
     )
     inflation_radius_m: float = quantity(
-        0.30, "cells farther than this from any obstacle cost nothing", "m", minimum=0.0
+        0.30,
+        "cells farther than this from every obstacle have no cost",
+        "m",
+        minimum=0.0,
     )
     cost_scaling_per_m: float = quantity(
         10.0, "rate at which the cost falls beyond the inscribed radius", "1/m"
@@ -59,7 +62,7 @@ class CostmapConfig(Checked):
         "give cells between the inscribed and the inflation radius a cost below 253",
     )
     obstacle_range_m: float = quantity(
-        2.5, "hits nearer than this are marked", "m", 0.0, 100.0
+        2.5, "lidar hits up to this distance are marked", "m", 0.0, 100.0
     )
     raytrace_range_m: float = quantity(
         3.0, "rays clear up to this distance", "m", 0.0, 100.0
@@ -73,7 +76,8 @@ class CostmapConfig(Checked):
         "true: rays, footprint and window follow costmap_2d exactly (a quirk)",
     )
     inflates_by_front: bool = optional(
-        False, "true: costs come from the front that arrives first (a slow quirk)"
+        False,
+        "true: a cell's cost comes from the wavefront that arrives first (a slow quirk)",
     )
     footprint: str = optional(
         "",

@@ -44,7 +44,7 @@ class DwaConfig(Checked):
         20, "number of sampled yaw rates for each speed, and in place", "", 3, 200
     )
     sample_highest_turn: bool = quantity(
-        True, "false: straight ahead replaces the highest turn (a quirk)"
+        True, "false: the sample straight ahead replaces the sharpest turn (a quirk)"
     )
     path_weight: float = quantity(
         0.75, "weight of the distance from the plan", "", 0.0, 1000.0
@@ -69,20 +69,21 @@ class DwaConfig(Checked):
         0.05, "distance after which a turn in place may change direction", "m", 0.0, 5.0
     )
     turn_past_blocked: bool = optional(
-        False, "true: a turn may win even if no way leads on (a quirk)"
+        False,
+        "true: a turn in place may win even if no path continues from it (a quirk)",
     )
     skip_slow_turns: bool = optional(
-        False, "true: no turns in place within a step of zero (a quirk)"
+        False, "true: no turns in place slower than one sampling step (a quirk)"
     )
     robot_blocks_goal: bool = optional(
         False, "true: the robot's own cells block the goal (a quirk)"
     )
     single_precision: bool = optional(
-        False, "true: single precision, samples added up (a quirk)"
+        False, "true: samples are summed up in single precision (a quirk)"
     )
     escape_speed_mps: float = quantity(
         -0.5,
-        "speed of an escape, if nothing else is allowed; limited by max_speed_mps",
+        "speed of an escape, used if no other motion is allowed; limited by max_speed_mps",
         "m/s",
         -10.0,
         0.0,
@@ -109,7 +110,7 @@ class DwaConfig(Checked):
         minimum=0.001,
     )
     roll_out_goal_turn: bool = optional(
-        False, "true: braking and turning at the goal are rolled out"
+        False, "true: rollouts include braking and turning at the goal"
     )
     stopped_mps: float = quantity(
         0.05, "a lower speed counts as stopped", "m/s", 0.0001, 1.0

@@ -57,7 +57,7 @@ class EBandConfig(Checked):
         3, "sweeps of forces per cycle, each forward and backward", "", 0, 100
     )
     halvings: int = quantity(
-        4, "how often a step that overshoots is halved again", "", 0, 20
+        4, "how many times a step that overshoots is halved", "", 0, 20
     )
     overshoot: float = quantity(
         0.75, "share of the force that a step may keep when it reverses", minimum=0.0
@@ -66,7 +66,7 @@ class EBandConfig(Checked):
         0.15, "weaker forces count as balanced", "", 0.0, 10.0
     )
     bubble_velocity_multiplier_per_m: float = quantity(
-        2.0, "share of top speed per m of bubble", "1/m", minimum=0.0
+        2.0, "share of the top speed per meter of bubble radius", "1/m", minimum=0.0
     )
     rotation_threshold_multiplier: float = quantity(
         1.0,

@@ -47,14 +47,14 @@ class GapConfig(LidarMountConfig):
         2.0, "yaw rate per radian of bearing", "1/s", 0.0, 100.0
     )
     turn_in_place_rad: float = quantity(
-        0.8, "turn in place if the bearing is beyond this", "rad", 0.0, math.pi
+        0.8, "turn in place if the bearing exceeds this angle", "rad", 0.0, math.pi
     )
     look_ahead_m: float = quantity(
         1.5, "a gap is open if it is free for this distance", "m", 0.1, 30.0
     )
     least_free_m: float = quantity(
         0.3,
-        "if no gap is open, take the longest if it is at least this long",
+        "if no gap is open, take the longest gap of at least this length",
         "m",
         0.0,
         30.0,

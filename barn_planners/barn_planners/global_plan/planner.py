@@ -37,7 +37,7 @@ class GlobalPlanConfig(Checked):
         0.5, "length of a step down the gradient, in cells", "", 0.05, 1.0
     )
     bounded: bool = quantity(
-        True, "skip cells too far from the way to matter, which is faster"
+        True, "skip cells that are too far from the path to matter, to save time"
     )
     as_navfn: bool = optional(
         False,

@@ -81,7 +81,7 @@ class CriticsConfig(Checked):
     )
     follow_points: int = quantity(
         5,
-        "follow_weight's point lies this many beyond the furthest one reached",
+        "follow_weight's point lies this many points beyond the furthest point reached",
         "",
         0,
         1000,
@@ -91,14 +91,14 @@ class CriticsConfig(Checked):
     )
     angle_points: int = quantity(
         4,
-        "angle_weight's point lies this many beyond the furthest one reached",
+        "angle_weight's point lies this many points beyond the furthest point reached",
         "",
         0,
         1000,
     )
     angle_beyond_rad: float = quantity(
         1.0,
-        "angle_weight applies if its point lies at a larger bearing",
+        "angle_weight applies if the bearing of its point exceeds this angle",
         "rad",
         0.0,
         math.pi,

@@ -52,13 +52,13 @@ class NavigationConfig(LidarMountConfig):
     )
     goal_republish_period_s: float = quantity(
         0.0,
-        "time between two sendings of the goal (a quirk); 0: sent once",
+        "period at which the goal is sent again (a quirk); 0: the goal is sent once",
         "s",
         minimum=0.0,
     )
     hold_s: float = quantity(
         0.0,
-        "time for which the last command holds while a re-sent goal waits for its plan",
+        "time for which the last command stays valid while a goal that was sent again waits for its plan",
         "s",
         minimum=0.0,
     )

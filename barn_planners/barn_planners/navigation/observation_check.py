@@ -45,12 +45,15 @@ class ObservationCheckConfig(Checked):
     stop_when_blind: bool = quantity(True, "stop while the lidar seems blind")
     blind_near_m: float = quantity(
         2.5,
-        "blind at once if the last return was nearer, or if there was none yet",
+        "the lidar counts as blind at once if its last return was nearer than this, or if it has had no return yet",
         "m",
         minimum=0.0,
     )
     blind_limit_s: float = quantity(
-        2.0, "blind after this long without a return", "s", minimum=0.0
+        2.0,
+        "the lidar counts as blind after this time without a return",
+        "s",
+        minimum=0.0,
     )
 
 

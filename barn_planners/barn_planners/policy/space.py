@@ -48,7 +48,7 @@ class PolicyObservation(Checked):
         2.35619, "left end of the field of view", "rad", -math.pi, math.pi
     )
     range_limit_m: float = quantity(
-        5.0, "range that counts as 1, as does any longer range", "m", minimum=0.1
+        5.0, "range that counts as 1, like any longer range", "m", minimum=0.1
     )
     goal_limit_m: float = quantity(
         10.0, "distance to the goal that counts as 1", "m", minimum=0.1
@@ -101,7 +101,7 @@ class PolicyAction(Checked):
     max_yaw_rate_radps: float = quantity(
         2.0, "yaw rate of action 1, to the left", "rad/s", 0.0, 20.0
     )
-    repeat: int = optional(1, "control periods that an action holds for", "", 1, 100)
+    repeat: int = optional(1, "control periods for which an action is held", "", 1, 100)
 
     def __post_init__(self) -> None:
         """Raise ConfigError unless `max_speed_mps` is above `min_speed_mps`."""

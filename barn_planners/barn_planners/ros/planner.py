@@ -94,11 +94,11 @@ class NodeConfig(Checked):
     )
     publish_views: bool = quantity(
         True,
-        "publish plans, costmap, band, candidates and diagnostics if someone listens",
+        "publish plans, costmap, band, candidates and diagnostics if a node subscribes to them",
     )
     view_period_s: float = quantity(
         topics.PLAN.period_s,
-        "time between two publications of the views",
+        "period at which plans, costmap, band and candidates are published",
         "s",
         0.0,
         3600.0,

@@ -217,9 +217,8 @@ class Tires:
         growth = stiffest * tick_s * (self.damping + 0.5 * self.stiffness * tick_s)
         if growth > _STABLE:
             raise ConfigError(
-                f"robot {model.name}: chassis.inertia_kg_m2 is too small for a body on"
-                f" tires in physics steps of {tick_s:g} s (physics.tick_s): it would"
-                " vibrate more and more"
+                f"robot {model.name}: chassis.inertia_kg_m2 is too small for a body on tires in physics steps of"
+                f" {tick_s:g} s (physics.tick_s): it would vibrate with growing amplitude"
             )
 
 

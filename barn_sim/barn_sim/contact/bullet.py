@@ -45,7 +45,7 @@ def connect(*, renders: bool = False) -> int:
     """
     client: int = bullet.connect(bullet.DIRECT)
     if client < 0:
-        raise RuntimeError("PyBullet has no room for another physics client")
+        raise RuntimeError("PyBullet cannot create another physics client")
     if not renders:
         bullet.unloadPlugin(_RENDERER, physicsClientId=client)
     return client

@@ -169,7 +169,7 @@ class Outputs:
                 self._publishers[topic.name] = create_optional_publisher(node, topic)
         if self._publishers[topics.TF.name] is None:
             node.get_logger().info(
-                "tf2_msgs is not installed: /tf and /tf_static are off"
+                "tf2_msgs is not installed: /tf and /tf_static are not published"
             )
 
     def publish(self, messages: Iterable[OutgoingMessage]) -> None:

@@ -27,7 +27,11 @@ class Compute(Checked):
 
     # A command takes effect this much later than the readings that it answers.
     delay_s: float = quantity(
-        0.0, "from readings until the command takes effect", "s", 0.0, _LONGEST_DELAY_S
+        0.0,
+        "time from the readings until the command takes effect",
+        "s",
+        0.0,
+        _LONGEST_DELAY_S,
     )
     delay_p95_s: float = quantity(
         0.0,

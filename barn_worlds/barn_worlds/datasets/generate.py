@@ -82,7 +82,7 @@ class DatasetParameters(Checked):
     """Parameters that generate a data set; the defaults make the shipped barn300."""
 
     name: str = quantity("barn300", "name of the data set")
-    seed: int = quantity(2020, "seed of all randomness", "", 0, 2**63 - 1)
+    seed: int = quantity(2020, "seed of all random numbers", "", 0, 2**63 - 1)
     worlds_per_set: int = quantity(
         25, "worlds to generate with each parameter set", "", 1, MAX_WORLDS
     )
@@ -93,7 +93,9 @@ class DatasetParameters(Checked):
         0,
         MAX_WORLDS,
     )
-    robot: str = quantity("", "robot that the worlds are for, if not the Jackal")
+    robot: str = quantity(
+        "", "robot that the worlds are generated for; by default the Jackal"
+    )
     sets: tuple[WorldParameters, ...] = TABLE_I
 
     def __post_init__(self) -> None:
@@ -106,7 +108,7 @@ class DatasetParameters(Checked):
         self.require(
             self.keep <= self.world_count,
             "keep",
-            f"must be at most the {self.world_count} worlds made",
+            f"must be at most the {self.world_count} generated worlds",
         )
 
     @property

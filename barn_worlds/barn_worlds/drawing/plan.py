@@ -43,7 +43,11 @@ class PlanConfig(Checked):
         0.15, "diameter of a post or side of a box", "m", 0.01, 10.0
     )
     tolerance_m: float = quantity(
-        0.01, "largest allowed distance of each from its place", "m", 0.001, 0.1
+        0.01,
+        "largest allowed distance of each object from its planned position",
+        "m",
+        0.001,
+        0.1,
     )
     scale: int = quantity(10, "scale of the tiles; 10 means 1:10", "", 1, 100)
     paper: str = quantity("a4", "size of the pages", choices=tuple(PAPERS))

@@ -85,7 +85,7 @@ class LidarConfig(Checked):
         1.0,
     )
     dropout_share: float = optional(
-        0.0, "share of the beams that read +inf in any case", "", 0.0, 1.0
+        0.0, "share of the beams that read +inf at random", "", 0.0, 1.0
     )
     masked_from_rad: float = optional(
         0.0,
@@ -101,7 +101,11 @@ class LidarConfig(Checked):
         0.0, "share of the scans, in bursts, that read +inf everywhere", "", 0.0, 0.9
     )
     blackout_s: float = optional(
-        0.5, "mean length of a burst of such scans, at least one", "s", 0.0, 60.0
+        0.5,
+        "mean duration of a blackout, which lasts at least one scan",
+        "s",
+        0.0,
+        60.0,
     )
     unseen_share: float = optional(
         0.0,

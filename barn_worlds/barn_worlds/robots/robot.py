@@ -74,7 +74,7 @@ class Chassis(Checked):
         0.0, "x of the driven axle, or of the middle between two", "m", -10.0, 10.0
     )
     footprint_m: tuple[Corner, ...] = optional(
-        (), "corners of the outline, counterclockwise; not for a round robot", "m"
+        (), "corners of the outline, counterclockwise; empty for a round robot", "m"
     )
     footprint_radius_m: float = optional(
         0.0, "radius of a round robot about base_link", "m", 0.0, _LARGEST_M
@@ -84,7 +84,7 @@ class Chassis(Checked):
     )
     body_m: tuple[float, float] = optional(
         (0.0, 0.0),
-        "length and width of the body's box; 0: the outline's",
+        "length and width of the body's box; 0: those of the outline",
         "m",
         0.0,
         _LARGEST_M,
@@ -313,7 +313,7 @@ class Robot(Checked):
     wheel_friction: float = quantity(
         0.5, "friction coefficient of the wheels on the ground", "", 0.0, 3.0
     )
-    summary: str = quantity("", "what the robot is, in one line")
+    summary: str = quantity("", "one-line summary of the robot")
     # Where the numbers are from, by section of the file.
     sources: Mapping[str, str] = field(default_factory=dict, hash=False)
 

@@ -151,8 +151,7 @@ def _write_film(frames: Iterator[Pixels], path: Path, frames_per_s: float) -> No
     ffmpeg = shutil.which("ffmpeg")
     if ffmpeg is None:
         raise ConfigError(
-            "a film needs ffmpeg, which is not installed (apt install ffmpeg); "
-            ".gif and .html do not"
+            "a video needs ffmpeg, which is not installed (apt install ffmpeg); .gif and .html do not"
         )
     with convert_os_errors(ConfigError, f"{path}: cannot be written"):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -200,8 +199,7 @@ def draw_views(
     scene = recorded.scene
     if scene is None:
         raise ConfigError(
-            f"{recorded.name}: its world is unknown, so a camera has nothing to see; "
-            ".html shows it"
+            f"{recorded.name}: its world is unknown, so a camera cannot draw it; write .html instead"
         )
     lidar = replace(LidarConfig(), mount_x_m=recorded.lidar.x)
     height = read_specification(recorded.trial, "lidar", "mount_z_m")

@@ -180,7 +180,7 @@ def plot(
     with style(width_mm):
         panels = draw(CHARTS[name], data, ax, width_mm)
     if not panels:
-        raise ConfigError(f"figure {name!r}: these results have nothing to show in it")
+        raise ConfigError(f"figure {name!r}: these results have no data for it")
     return panels
 
 

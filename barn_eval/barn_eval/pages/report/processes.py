@@ -54,8 +54,7 @@ def run_forked(jobs: Sequence[Callable[[], Any]], progress: Progress) -> list[An
         return [future.result() for future in futures]
     except BrokenProcessPool:
         raise BarnError(
-            "a process that computed a part of the report was killed; "
-            "was there enough memory?"
+            "a process that computed a part of the report was killed, probably because memory ran out"
         ) from None
     finally:
         pool.shutdown(cancel_futures=True)

@@ -215,8 +215,7 @@ def planner(
     if choice.command:
         if goal is None and choice.takes_goal_at_start:
             raise ConfigError(
-                f"planner {choice.name!r}: no goal is known at its start to fill in"
-                " {goal_x} and the like"
+                f"planner {choice.name!r}: no goal is known at its start to fill in {{goal_x}} and other placeholders"
             )
         frame = setup.map_frame if run.protocol.map_given else setup.odom_frame
         command = choice.command

@@ -37,7 +37,7 @@ class ReproduceConfig(Checked):
     dataset: str = quantity("barn300", "data set: a name, folder or file")
     strata: int = quantity(
         0,
-        "parts of the order of difficulty to draw one world from each; 0: all worlds",
+        "number of difficulty classes, with one world drawn from each; 0: all worlds",
         "",
         0,
         10_000,

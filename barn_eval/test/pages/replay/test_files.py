@@ -75,7 +75,7 @@ def test_pictures_and_animations(bag, tmp_path):
     with Image.open(tmp_path / "chase.png") as picture:
         assert picture.size == SIZES["chase"]
         assert len(picture.convert("RGB").getcolors(1 << 24)) > 100
-    with refused("its world is unknown, so a camera has nothing to see"):
+    with refused("its world is unknown, so a camera cannot draw it"):
         next(draw_views(replace(recorded, scene=None), "side", [1.0], 1))
 
 

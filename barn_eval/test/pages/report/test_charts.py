@@ -135,7 +135,7 @@ def test_a_figure_can_be_drawn_onto_axes_of_others(report, chart):
 def test_a_figure_that_there_is_nothing_for_is_refused(report):
     with refused("unknown figure 'wrlds'; did you mean 'worlds'"):
         plot("wrlds", report.entries)
-    with refused("figure 'paired': these results have nothing to show in it"):
+    with refused("figure 'paired': these results have no data for it"):
         plot("paired", report.entries[:1])
     assert set(CHARTS) == {*report.figures, "sweep"}
 

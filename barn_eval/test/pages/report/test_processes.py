@@ -29,7 +29,7 @@ run_forked([tell], print)
 
 def test_a_killed_process_is_one_line():
     message = (
-        r"^a process that computed a part of the report was killed; was there enough"
+        r"^a process that computed a part of the report was killed, probably because"
     )
     with refused(message, BarnError):
         run_forked([partial(signal.raise_signal, signal.SIGKILL)], print)
