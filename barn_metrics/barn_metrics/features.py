@@ -9,13 +9,7 @@ import numpy as np
 from scipy import ndimage
 
 from barn_metrics.metrics import closest_obstacle, tortuosity
-from barn_worlds.base.arrays import (
-    BoolGrid,
-    Cells,
-    Floats,
-    side_lengths,
-    strict_kernel,
-)
+from barn_worlds.base.arrays import BoolGrid, Cells, Floats, side_lengths, strict_kernel
 from barn_worlds.worlds.cells import hollow_cells
 from barn_worlds.worlds.world import World
 

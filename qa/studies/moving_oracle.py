@@ -227,12 +227,7 @@ def main() -> None:
 @click.option("--repetitions", default=1, show_default=True, help="Phases of a world.")
 @click.option("--seed", default=1, show_default=True, help="As of `barn run`.")
 def drive(
-    dataset: str,
-    worlds: str,
-    speed: float,
-    protocol: str,
-    repetitions: int,
-    seed: int,
+    dataset: str, worlds: str, speed: float, protocol: str, repetitions: int, seed: int
 ) -> None:
     """Drive the oracle in trials as `barn run` has them, by 20 worlds of a class."""
     rules = load_protocol(protocol)

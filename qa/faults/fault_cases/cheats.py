@@ -54,16 +54,8 @@ for _name, _done, _words in (
         "The planner publishes scans that show nothing.",
         "publishes /scan",
     ),
-    (
-        "outcome",
-        "The planner publishes a success on /outcome.",
-        "publishes /outcome",
-    ),
-    (
-        "step",
-        "The planner calls the simulator's step.",
-        "called simulator/step",
-    ),
+    ("outcome", "The planner publishes a success on /outcome.", "publishes /outcome"),
+    ("step", "The planner calls the simulator's step.", "called simulator/step"),
 ):
     _act = partial(_run_cheat, kind=_name, outcome="interference", words=_words)
     add(FAMILY, _name, _done, _CAUGHT, _act)
@@ -124,20 +116,8 @@ for _name, _done, _must, _words, _find in (
         "",
         "may write to them",
     ),
-    (
-        "forks",
-        "The planner starts 500 processes.",
-        _NOTHING,
-        "",
-        "500 processes",
-    ),
-    (
-        "processor",
-        "The planner starts six endless loops.",
-        _NOTHING,
-        "",
-        "6 processes",
-    ),
+    ("forks", "The planner starts 500 processes.", _NOTHING, "", "500 processes"),
+    ("processor", "The planner starts six endless loops.", _NOTHING, "", "6 processes"),
 ):
     _act = partial(
         _run_cheat, kind=_name, outcome="timeout", words=_words, report=_find
