@@ -38,7 +38,7 @@ class Vandal(Straight):  # type: ignore[misc]
         super().start(task, seed)
         np.seterr(all="raise")
         assert task.map is not None
-        self.obstacle_cells.append(np.count_nonzero(task.map.data))
+        self.obstacle_cells.append(int(np.count_nonzero(task.map.data)))
         task.map.data[:] = 0
 
 

@@ -123,7 +123,7 @@ def works(lab: Lab) -> str:
     What is charged and what is called too slow agree within 10 %, with and without load.
     """
     environment = with_rogue(lab)
-    cycles_ms = []
+    cycles_ms: list[float] = []
     for loops in (0, 2):
         loop = (sys.executable, "-c", "while True: pass")
         busy = [lab.start_program(loop) for _ in range(loops)]
