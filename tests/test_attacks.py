@@ -4,37 +4,15 @@ from repository import ROOT
 from waiting import run_python
 
 TOOL = ROOT / "qa" / "attacks" / "attacks.py"
-QUICK = ("folder/nudged-trial", "folder/environment*", "verdict/order", "room/*")
-INSIDE = ("answer/*", "again/*", "name/*", "process/*", "folder/delays", "folder/older")
-OUTSIDE = ("bound/*", "verdict/[cw]*", "computing/*", "terminal/*", "bag/*", "server/*")
 
 
-def attacks(*arguments):
-    return run_python(TOOL, *arguments, check=False)
-
-
-def test_quick_attacks_do_not_succeed():
-    ended = attacks(*(f"--only={pattern}" for pattern in QUICK))
+def test_no_attack_succeeds():
+    listed = run_python(TOOL, "--list").stdout.splitlines()
+    assert len(listed) == len(set(listed)) > 50
+    ended = run_python(TOOL, check=False)
     assert ended.returncode == 0, ended.stdout + ended.stderr
-    lines = ended.stdout.splitlines()
-    assert len(lines) == 2 * 13 and "SUCCEEDS UNSEEN" not in ended.stdout
-
-
-def test_attacks_from_inside_do_not_succeed():
-    ended = attacks(*(f"--only={pattern}" for pattern in INSIDE))
-    assert ended.returncode == 0, ended.stdout + ended.stderr
-    assert ended.stdout.count("\n    ") == 10 and "UNSEEN" not in ended.stdout
-
-
-def test_attacks_from_outside_do_not_succeed():
-    ended = attacks(*(f"--only={pattern}" for pattern in OUTSIDE))
-    assert ended.returncode == 0, ended.stdout + ended.stderr
-    assert ended.stdout.count("\n    ") == 10 and "UNSEEN" not in ended.stdout
-
-
-def test_there_are_thirty_attacks():
-    listed = attacks("--list").stdout.splitlines()
-    assert len(listed) == len(set(listed)) >= 30
+    assert ended.stdout.count("\n    ") == len(listed)
+    assert "SUCCEEDS UNSEEN" not in ended.stdout
 
 
 def test_the_search_beats_no_bound():

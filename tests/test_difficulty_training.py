@@ -4,12 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from evaluation import (
-    WEIGHTS,
-    EvaluationConfig,
-    evaluate,
-    noise_ceiling,
-)
+from evaluation import WEIGHTS, EvaluationConfig, evaluate, noise_ceiling
 from refusals import refused
 from test_difficulty_judging import make_trials
 

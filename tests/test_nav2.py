@@ -18,6 +18,7 @@ import pytest
 import yaml
 from launch_files import constant
 from repository import EXAMPLES
+from text_tables import rows_of
 
 from barn_eval.commands import ab
 from barn_eval.trials.protocol import PROTOCOLS
@@ -347,23 +348,24 @@ node->declare_parameter(name + ".open", open_default);
 """
 
 
-@pytest.mark.parametrize(
-    ("key", "value", "problem"),
-    [
-        ("controller_frequency", "20", "is 20, of type int;"),
-        ("controller_frequency", "20.0", ""),
-        ("controller_plugins", "FollowPath", "declares list"),
-        ("controller_plugins", "[a, b]", "names b, which has no section"),
-        ("tolerance", "0.5", "below a plugin, not here"),
-        ("a.tolerance", "1", "declares double"),
-        ("a.samples", "20.0", "declares int"),
-        ("a.samples", "30", ""),
-        ("a.enabled", "1", "declares bool"),
-        ("a.frame", "3", "declares string"),
-        ("a.frame", "odom", ""),
-        ("a.open", "3", ""),
-    ],
-)
+# Key, value and problem.
+VALUES = """
+controller_frequency | 20 | is 20, of type int;
+controller_frequency | 20.0 |
+controller_plugins | FollowPath | declares list
+controller_plugins | [a, b] | names b, which has no section
+tolerance | 0.5 | below a plugin, not here
+a.tolerance | 1 | declares double
+a.samples | 20.0 | declares int
+a.samples | 30 |
+a.enabled | 1 | declares bool
+a.frame | 3 | declares string
+a.frame | odom |
+a.open | 3 |
+"""
+
+
+@pytest.mark.parametrize(("key", "value", "problem"), rows_of(VALUES))
 def test_the_check_knows_types_and_places(tmp_path, capsys, key, value, problem):
     package = tmp_path / "navigation2/nav2_controller"
     package.mkdir(parents=True)

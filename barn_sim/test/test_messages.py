@@ -42,13 +42,14 @@ def test_an_instant_has_the_time_first_and_the_scan_last():
     ]  # fmt: skip
     assert len(sent) == len(data)
     assert decode.clock(data["/clock"]) == STAMP
-    for path, frame in (
-        ("/odom", "odom"),
-        ("/ground_truth/odom", "map"),
-        ("/amcl_pose", "map"),
-        ("/joint_states", ""),
-        ("/scan", "lidar_link"),
-    ):
+    frames = {
+        "/odom": "odom",
+        "/ground_truth/odom": "map",
+        "/amcl_pose": "map",
+        "/joint_states": "",
+        "/scan": "lidar_link",
+    }
+    for path, frame in frames.items():
         assert decode.header(data[path]) == (STAMP, frame)
     assert deserialize(data["/odom"], ODOM.type_name).child_frame_id == "base_link"
     for path, pose, velocity in (

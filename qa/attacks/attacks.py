@@ -8,7 +8,6 @@ code is 1 if one succeeds unseen. `beat_the_bound.py` searches for more.
 
 import fnmatch
 import json
-import math
 import os
 import shutil
 import sys
@@ -17,7 +16,6 @@ from collections.abc import Callable, Sequence
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
-from unittest.mock import patch
 
 import click
 
@@ -26,6 +24,7 @@ sys.path.insert(0, str(TESTS))
 
 import inside  # noqa: E402
 import outside  # noqa: E402, F401 (adds its attacks)
+import records  # noqa: E402, F401
 from forgery import edit_run, forge, won  # noqa: E402
 from planners import Straight, run_inline  # noqa: E402
 from report_work import rewrite_rows  # noqa: E402
@@ -33,40 +32,18 @@ from report_work import rewrite_rows  # noqa: E402
 import barn_eval as barn  # noqa: E402
 from barn_eval.analysis.leaderboard import make_boards  # noqa: E402
 from barn_eval.results.commands import parse_commands_line  # noqa: E402
-from barn_eval.results.rows import RowFile, seal_line, unseal_line, write_tables  # noqa: E402
 from barn_eval.results.tracks import pack_arrays  # noqa: E402
 from barn_eval.ros.isolation import probe_isolation  # noqa: E402
 from barn_eval.ros.supervision.process import SupervisedProcess  # noqa: E402
-from barn_eval.running import direct  # noqa: E402
 from barn_eval.trials.protocol import CHALLENGE  # noqa: E402
-from barn_eval.verification.submission import submit, verify  # noqa: E402
-from barn_planners.interface import Decision, Observation, Planner, Task  # noqa: E402
-from barn_planners.registry import make_planner  # noqa: E402
+from barn_planners.gap.planner import ENTRY  # noqa: E402
 
 SCRATCH = Path(tempfile.mkdtemp(prefix="barn-attacks-"))
 ROOM = Path(__file__).with_name("room.py")
 LOST = "straight_w0120_r00"  # which drives blindly at its goal and hits a post
 OTHER = "other_w0120_r00"
-LINES = ("tracks.jsonl", "commands.jsonl")
 
 ATTACKS: dict[str, tuple[str, Callable[[], str]]] = {}
-
-
-class Other(Planner):
-    """A better planner, that is not of the suite."""
-
-    def start(self, task: Task, seed: int) -> None:
-        """Begin a trial."""
-        self.gap = make_planner("gap")
-        self.gap.start(task, seed)
-
-    def step(self, observation: Observation) -> Decision:
-        """Return what it decides."""
-        return self.gap.step(observation)
-
-
-class Twin(Other):
-    """The same planner under a name of its own."""
 
 
 def add(name: str, tries: str, act: Callable[[], str]) -> None:
@@ -77,10 +54,9 @@ def add(name: str, tries: str, act: Callable[[], str]) -> None:
 @cache
 def driven(*planners: str, **options: Any) -> Path:
     """Return a folder of trials in world 120, driven once."""
-    kinds = {"straight": Straight, "other": Other, "twin": Twin}
-    choices: Any = list(planners)
-    if kinds.keys() >= set(planners):
-        choices = {name: kinds[name] for name in planners}
+    other = ENTRY.build(ENTRY.presets["default"])
+    kinds = {"straight": Straight, "other": other, "twin": other}
+    choices = {name: kinds[name] for name in planners}
     out = SCRATCH / f"driven{len(list(SCRATCH.iterdir()))}"
     options = {"out": out, "worlds": "120", "seed": 5} | options
     worlds = options.pop("worlds")
@@ -94,43 +70,14 @@ def copy(folder: Path) -> Path:
     return Path(shutil.copytree(folder, SCRATCH / f"forged{number}" / "out"))
 
 
-def describe_check(folder: Path) -> str:
-    """Return the first line of what a check does not believe or cannot check."""
-    rows = RowFile(folder).read()
-    if len({row.trial_id for row in rows}) == len(rows):
-        write_tables(folder, rows)
-    check = barn.results.check(folder)
-    return next(iter([*check.problems, *check.unchecked, *check.notes]), "")
-
-
 def forged(change: Callable[[Path], object], *planners: str, **options: Any) -> str:
     """Forge a copy of a folder and return what a check says of it."""
     folder = copy(driven(*(planners or ("straight",)), **options))
     try:
         change(folder)
-        return describe_check(folder)
+        return inside.describe_check(folder)
     except barn.BarnError as error:
         return f"refused: {error}"
-
-
-def edit_lines(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
-    """Change the JSON of each line of a file, and seal the lines again."""
-    lines = []
-    for line in path.read_text().splitlines():
-        content = json.loads(unseal_line(line, path.name))
-        change(content)
-        lines.append(seal_line(json.dumps(content)) + "\n")
-    path.write_text("".join(lines))
-
-
-def edit_rows(folder: Path, change: Callable[[dict[str, Any]], object]) -> None:
-    """Change each row of a folder."""
-    edit_lines(folder / "results.jsonl", change)
-
-
-def win(folder: Path, time_s: float = 18.0) -> None:
-    """Make a collision a quick success."""
-    forge(folder, **won(barn.load(folder).trials[0], time_s))
 
 
 def blame_environment(folder: Path, *, erase: bool = False) -> None:
@@ -138,7 +85,7 @@ def blame_environment(folder: Path, *, erase: bool = False) -> None:
     forge(folder, outcome="environment_failed", fault="environment", detail="stalled")
     if erase:
         forge(folder, measures__driven_m=0.0, measures__mean_speed_mps=0.0)
-        for name in LINES:
+        for name in inside.LINES:
             (folder / name).unlink()
 
 
@@ -147,32 +94,26 @@ def take_the_other_trial(folder: Path, nudge: float = 0.0) -> None:
     rows = {row["trial_id"]: row for row in rewrite_rows(folder, lambda rows: rows)}
     names = ("outcome", "detail", "fault", "scores", "measures", "recoveries")
     kept = {name: rows[OTHER][name] for name in names}
-    edit_rows(folder, lambda row: row.update(kept))
-    for name in LINES:
-        lines = (folder / name).read_text().splitlines()
-        contents = [json.loads(unseal_line(line, name)) for line in lines]
-        (own,) = (line for line in contents if line["trial_id"] == OTHER)
-        (folder / name).write_text("")
-        for trial_id in (LOST, OTHER):
-            line = seal_line(json.dumps(own | {"trial_id": trial_id}))
-            with (folder / name).open("a") as file:
-                file.write(f"{line}\n")
-    if nudge:
-        edit_lines(folder / "commands.jsonl", partial(nudge_commands, by=nudge))
+    rewrite_rows(folder, lambda rows: [row | kept for row in rows])
+    inside.edit_lines(folder, partial(take_lines, nudge=nudge))
 
 
-def nudge_commands(content: dict[str, Any], by: float) -> None:
-    """Change commands of the loser by as good as nothing."""
-    if content["trial_id"] == LOST:
-        _, commands = parse_commands_line(json.dumps(content), "")
-        content |= pack_arrays({"commands": (commands + by).ravel()})
+def take_lines(lines: inside.Lines, nudge: float) -> inside.Lines:
+    """Return the winner's lines, and the same as the loser's, a little changed."""
+    lines = [line for line in lines if line["trial_id"] == OTHER]
+    copies = [line | {"trial_id": LOST} for line in lines]
+    for line in copies:
+        if "commands" in line:
+            _, commands = parse_commands_line(json.dumps(line), "")
+            line.update(pack_arrays({"commands": (commands + nudge).ravel()}))
+    return copies + lines
 
 
 def double_row(folder: Path) -> None:
     """Append a better row of the same trial."""
     path = folder / "results.jsonl"
     first = path.read_text()
-    win(folder)
+    forge(folder, **won(barn.load(folder).trials[0], 18.0))
     path.write_text(first + path.read_text())
 
 
@@ -195,10 +136,9 @@ def leave_out(folder: Path) -> None:
     with edit_run(folder) as content:
         content["worlds"].pop("120")
     rewrite_rows(folder, lambda rows: [row for row in rows if row["world"] == 0])
-    for name in LINES:
-        lines = (folder / name).read_text().splitlines()
-        kept = [line for line in lines if "_w0000_" in line]
-        (folder / name).write_text("".join(f"{line}\n" for line in kept))
+    inside.edit_lines(
+        folder, lambda lines: [line for line in lines if "_w0000_" in line["trial_id"]]
+    )
 
 
 def board_of_part() -> str:
@@ -206,20 +146,11 @@ def board_of_part() -> str:
     whole = driven("other", worlds="0,120")
     part = copy(driven("straight", worlds="0,120"))
     leave_out(part)
-    problem = describe_check(part)
+    problem = inside.describe_check(part)
     if problem:
         return problem
     notes = [note for board in make_boards([whole, part]) for note in board.notes]
     return next((note for note in notes if "other trials" in note), "")
-
-
-def under_another_name() -> str:
-    """Submit what one planner drove as a planner of the suite."""
-    with patch.object(direct, "make_planner", lambda *_: make_planner("gap")):
-        folder = driven("dwa")
-    submit(folder, SCRATCH / "impostor.zip")
-    check, _ = verify(SCRATCH / "impostor.zip", SCRATCH / "unpacked")
-    return next(iter(check.problems), "")
 
 
 def rank_twins() -> str:
@@ -259,8 +190,6 @@ def in_room(deed: str) -> str:
 
 
 for _name, _tries, _change in (
-    ("quick-success", "A collision becomes a success in 18 s.", win),
-    ("impossible-time", "It becomes a success in 3 s.", partial(win, time_s=3.0)),
     (
         "environment",
         "A collision becomes the environment's failure, to be driven again.",
@@ -272,28 +201,6 @@ for _name, _tries, _change in (
         partial(blame_environment, erase=True),
     ),
     ("double-row", "A better row of the same trial is appended.", double_row),
-    (
-        "no-contact",
-        "Contacts of a collision are set to 0.",
-        lambda folder: forge(folder, measures__contacts=0, measures__contact_s=0.0),
-    ),
-    (
-        "smooth",
-        "Jerk, rotation and steps of commands are halved.",
-        lambda folder: forge(
-            folder, measures__rms_jerk_mps3=0.1, measures__rotation_rad=0.1
-        ),
-    ),
-    (
-        "remark",
-        "A remark is added to a row.",
-        lambda folder: forge(folder, remarks="checked by the organizer"),
-    ),
-    (
-        "nan",
-        "A score is NaN.",
-        lambda folder: forge(folder, scores__challenge=math.nan),
-    ),
     (
         "limit",
         "The protocol in run.json gets more time.",
@@ -329,23 +236,20 @@ for _name, _tries, _nudge in (
     _take = partial(take_the_other_trial, nudge=_nudge)
     add(f"folder/{_name}", _tries, partial(forged, _take, "straight", "other"))
 add("folder/part", "The world in which it failed is left out.", board_of_part)
-add(
-    "submission/name", "A planner is submitted as one of the suite.", under_another_name
-)
 add("verdict/twins", "One planner is entered under two names.", rank_twins)
 add("verdict/order", "Rows come in another order.", shuffle)
 
-for _name, _tries in (
-    ("list", "The planner lists the folder of results."),
-    ("move", "It moves the folders above the results."),
-    ("unmount", "It takes away what hides the results."),
-    ("unshare", "It does so in namespaces of its own."),
-    ("bind", "It mounts the file system a second time, without what hides them."),
-    ("root", "It goes around that by /proc/1 and open files."),
-    ("trace", "It stops or traces the supervisor."),
-    ("kernel", "It changes settings of the kernel, or freezes the suite."),
-    ("disk", "It reads the disk itself."),
-):
+for _name, _tries in {
+    "list": "The planner lists the folder of results.",
+    "move": "It moves the folders above the results.",
+    "unmount": "It takes away what hides the results.",
+    "unshare": "It does so in namespaces of its own.",
+    "bind": "It mounts the file system a second time, without what hides them.",
+    "root": "It goes around that by /proc/1 and open files.",
+    "trace": "It stops or traces the supervisor.",
+    "kernel": "It changes settings of the kernel, or freezes the suite.",
+    "disk": "It reads the disk itself.",
+}.items():
     add(f"room/{_name}", _tries, partial(in_room, _name))
 for _name, (_tries, _act) in inside.ATTACKS.items():
     add(_name, _tries, partial(inside.try_in_folder, _act))

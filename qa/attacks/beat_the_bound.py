@@ -83,8 +83,7 @@ def draw_trial(seed: int, world: World) -> tuple[TrialSpec, Weaving]:
     speed_mps = robot.drive.max_speed_m_s * rng.uniform(0.2, 1.0)
     spec = spec_of(world, draw_protocol(rng), robot=robot, declared_mps=speed_mps)
     errors = replace(
-        spec.simulator.odometry,
-        wheel_radius_error=float(rng.choice([0.0, 0.02, 0.1])),
+        spec.simulator.odometry, wheel_radius_error=float(rng.choice([0.0, 0.02, 0.1]))
     )
     spec = replace(spec, simulator=replace(spec.simulator, odometry=errors))
     planner = Weaving(

@@ -1,7 +1,6 @@
 """Attacks from inside: answers, second tries, names and folders; see `attacks.py`."""
 
 import json
-import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -10,31 +9,25 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-TESTS = Path(__file__).resolve().parents[2] / "barn_eval" / "test"
-sys.path.insert(0, str(TESTS))
+from forgery import edit_run
+from planners import Straight, run_inline
+from report_work import change_row, rewrite_rows
 
-from forgery import edit_run  # noqa: E402
-from planners import Straight, run_inline  # noqa: E402
-from report_work import change_row, rewrite_rows  # noqa: E402
-
-import barn_eval as barn  # noqa: E402
-from barn_eval.results.rows import seal_line, unseal_line, write_tables  # noqa: E402
-from barn_eval.results.run_file import RunFile  # noqa: E402
-from barn_eval.trials.protocol import CHALLENGE  # noqa: E402
-from barn_eval.trials.result import pack_delays, unpack_delays  # noqa: E402
-from barn_eval.verification.submission import submit, verify  # noqa: E402
-from barn_planners.interface import (  # noqa: E402
-    Decision,
-    Observation,
-    PlannerView,
-    Task,
-)
-from barn_sim.simulator import Simulator  # noqa: E402
-from barn_worlds.base.types import Velocity2D  # noqa: E402
-from barn_worlds.datasets.dataset import open_dataset  # noqa: E402
-from barn_worlds.formats.dataset_file import write_dataset_file  # noqa: E402
+import barn_eval as barn
+from barn_eval.results.rows import RowFile, seal_line, unseal_line, write_tables
+from barn_eval.results.run_file import RunFile
+from barn_eval.trials.protocol import CHALLENGE
+from barn_eval.trials.result import pack_delays, unpack_delays
+from barn_eval.verification.submission import submit, verify
+from barn_planners.interface import Decision, Observation, PlannerView, Task
+from barn_sim.simulator import Simulator
+from barn_worlds.base.types import Velocity2D
+from barn_worlds.datasets.dataset import open_dataset
+from barn_worlds.formats.dataset_file import write_dataset_file
 
 ATTACKS: dict[str, tuple[str, Callable[[Path], str]]] = {}
+Lines = list[dict[str, Any]]
+LINES = ("tracks.jsonl", "commands.jsonl")
 LOST = 40  # cycles after which a planner knows that it will lose
 _SLOW_S = 0.02
 _LEAST_MS = 10.0
@@ -146,7 +139,7 @@ class Ghost(Loser):
 def drive(out: Path, planner: Any, worlds: str = "120", **options: Any) -> Path:
     """Drive a planner and return the folder."""
     choices = planner if isinstance(planner, str) else {"mine": planner}
-    run_inline(worlds, choices, CHALLENGE, out=out, seed=5, **options)
+    run_inline(worlds, choices, CHALLENGE, out=out, **{"seed": 5} | options)
     return out
 
 
@@ -162,21 +155,29 @@ def drive_twice(out: Path, planner: type[Loser], **options: Any) -> str:
 
 def describe_check(folder: Path) -> str:
     """Return the first line of what a check does not believe or cannot check."""
-    write_tables(folder, barn.load(folder).trials)
+    write_tables(folder, RowFile(folder).read())
     check = barn.results.check(folder)
-    lines = [*check.problems, *check.unchecked]
-    return lines[0].replace(str(folder), "") if lines else ""
+    lines = [*check.problems, *check.unchecked, *check.notes, ""]
+    return lines[0].replace(str(folder), "")
+
+
+def edit_lines(folder: Path, change: Callable[[Lines], Lines]) -> None:
+    """Change tracks and commands of a folder."""
+    for name in LINES:
+        texts = (folder / name).read_text().splitlines()
+        lines = change([json.loads(unseal_line(text, name)) for text in texts])
+        texts = [f"{seal_line(json.dumps(line))}\n" for line in lines]
+        (folder / name).write_text("".join(texts))
 
 
 def rename_lines(folder: Path, old: str, new: str) -> None:
     """Give tracks and commands of one trial to another, in place of its own."""
-    for name in ("tracks.jsonl", "commands.jsonl"):
-        lines = []
-        for line in (folder / name).read_text().splitlines():
-            content = json.loads(unseal_line(line, name))
-            if content["trial_id"] == old:
-                lines.append(seal_line(json.dumps(content | {"trial_id": new})))
-        (folder / name).write_text("".join(f"{line}\n" for line in lines))
+    edit_lines(
+        folder,
+        lambda lines: [
+            line | {"trial_id": new} for line in lines if line["trial_id"] == old
+        ],
+    )
 
 
 @attack("answer/unreadable", "A planner that loses gives an answer that is no number.")

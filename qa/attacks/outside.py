@@ -4,7 +4,6 @@ import itertools
 import math
 import shutil
 import sqlite3
-import sys
 import time
 import tracemalloc
 from contextlib import closing
@@ -16,34 +15,25 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from foreign_bags import edited, messages_of, write_bag
+from inside import attack
+from planners import Steady, Straight, run_inline, spec_of
 from rich.console import Console
+from rosbags.rosbag1 import Writer
+from rosbags.typesys import Stores, get_typestore
 
-TESTS = Path(__file__).resolve().parents[2] / "barn_eval" / "test"
-sys.path.insert(0, str(TESTS))
-
-from foreign_bags import edited, messages_of, write_bag  # noqa: E402
-from inside import attack  # noqa: E402
-from planners import Steady, Straight, run_inline, spec_of  # noqa: E402
-from rosbags.rosbag1 import Writer  # noqa: E402
-from rosbags.typesys import Stores, get_typestore  # noqa: E402
-
-import barn_eval as barn  # noqa: E402
-from barn_eval.analysis.leaderboard import make_boards  # noqa: E402
-from barn_eval.pages.live.server import PageServer  # noqa: E402
-from barn_eval.results.bags.bagfile import BagFile  # noqa: E402
-from barn_eval.running.direct import run_direct_trial  # noqa: E402
-from barn_eval.running.judge import JudgeOptions, judge  # noqa: E402
-from barn_eval.running.reporting import ConsoleReporter  # noqa: E402
-from barn_eval.trials.protocol import CHALLENGE, Protocol  # noqa: E402
-from barn_planners.interface import (  # noqa: E402
-    Decision,
-    Observation,
-    Planner,
-    Task,
-)
-from barn_worlds.base.types import Velocity2D  # noqa: E402
-from barn_worlds.moving.motion import Motion, MovingObstacle  # noqa: E402
-from barn_worlds.worlds.world import World  # noqa: E402
+import barn_eval as barn
+from barn_eval.analysis.leaderboard import make_boards
+from barn_eval.pages.live.server import PageServer
+from barn_eval.results.bags.bagfile import BagFile
+from barn_eval.running.direct import run_direct_trial
+from barn_eval.running.judge import JudgeOptions, judge
+from barn_eval.running.reporting import ConsoleReporter
+from barn_eval.trials.protocol import CHALLENGE, Protocol
+from barn_planners.interface import Decision, Observation, Planner, Task
+from barn_worlds.base.types import Velocity2D
+from barn_worlds.moving.motion import Motion, MovingObstacle
+from barn_worlds.worlds.world import World
 
 _SLOW_S = 0.2
 _SLOW_CYCLES = 10

@@ -18,11 +18,7 @@ from barn_eval.analysis.sources import (
 )
 from barn_eval.results.row_table import column, take
 from barn_eval.running.setting_folders import expand_sweeps, parse_folder_name
-from barn_eval.trials.result import (
-    COMPUTE_MODE_LABELS,
-    Rows,
-    describe_computer,
-)
+from barn_eval.trials.result import COMPUTE_MODE_LABELS, Rows, describe_computer
 from barn_worlds.base.arrays import Bools
 from barn_worlds.base.errors import ConfigError
 

@@ -11,12 +11,9 @@ from barn_eval.analysis.sources import Source, group_by_planner
 from barn_eval.results.commands import count_equal_commands
 from barn_eval.results.row_table import column, join, row_keys, systems, take
 from barn_eval.results.run_file import CLAIMED, SUBMISSION_FILE
-from barn_eval.trials.result import (
-    MAX_MISSED_SHARE,
-    Rows,
-)
+from barn_eval.trials.result import MAX_MISSED_SHARE, Rows
+from barn_worlds.base.errors import join_names
 
-_MAX_NAMED_TRIALS = 5
 # Values that drives with equal commands share.
 _DRIVE_PATHS = ("world_checksum", "simulator_seed", "scores.duration_s")
 
@@ -92,6 +89,11 @@ def notes_on(source: Source, results: Rows) -> list[str]:
     trials = len(source.results)
     if source.planned and source.planned > trials:
         notes.append(f"{source.path} is partial: {trials} of {source.planned} trials")
+    checksums = set(column(results, "world_checksum"))
+    copies = len(set(column(results, "world"))) - len(checksums)
+    # Trials in copies of a world are no independent evidence.
+    if copies > 0 and "" not in checksums:
+        notes.append(f"{copies} worlds in {source.path} are copies of others")
     notes += _describe_observations(source.path, results)
     notes.append("; ".join(_find_disturbances(source.path, results)))
     for planner in group_by_planner(results):
@@ -131,13 +133,9 @@ def _find_disturbances(path: Path, results: Rows) -> Iterator[str]:
 
     repeated = take(results, column(results, "wall_clock.attempts") > 1)
     if repeated:
-        names = ", ".join(
-            f"{result.trial_id}: {result.wall_clock.retry_note}"
-            for result in repeated[:_MAX_NAMED_TRIALS]
+        names = join_names(
+            f"{result.trial_id}: {result.wall_clock.retry_note}" for result in repeated
         )
-        rest = len(repeated) - _MAX_NAMED_TRIALS
-        if rest > 0:
-            names += f" and {rest} more"
         yield (
             f"{len(repeated)} of {len(results)} trials in {path} took more than one "
             f"attempt: {names}"

@@ -16,18 +16,10 @@ from barn_eval.results.folder import read_results, select_scored
 from barn_eval.results.row_table import RowTable, column, take
 from barn_eval.results.rows import COMMANDS_FILE, TRACKS_FILE, TrialLines
 from barn_eval.results.run_file import RunFile
-from barn_eval.results.table_files import (
-    TABLE_SYSTEM,
-    is_table_file,
-    read_table_file,
-)
+from barn_eval.results.table_files import TABLE_SYSTEM, is_table_file, read_table_file
 from barn_eval.results.tracks import SPEEDS, parse_track_line
 from barn_eval.trials.identity import first_difference
-from barn_eval.trials.result import (
-    Rows,
-    RowsByPlanner,
-    TrialResult,
-)
+from barn_eval.trials.result import Rows, RowsByPlanner, TrialResult
 from barn_eval.trials.run_config import RunConfig
 from barn_eval.trials.system import SUITE_NAME, System, system_in
 from barn_sim.config import chassis_in, robot_of

@@ -8,24 +8,11 @@ from collections.abc import Sequence
 
 from barn_eval.analysis.compare import Comparison
 from barn_eval.analysis.difficulty import Band
-from barn_eval.analysis.measures import (
-    MEASURES,
-    SHOWN,
-    Measure,
-)
+from barn_eval.analysis.measures import MEASURES, SHOWN, Measure
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.significance import ALPHA
-from barn_eval.analysis.summary import (
-    RunSummary,
-    Summary,
-    finite_keys,
-    sort_positions,
-)
-from barn_eval.analysis.text_table import (
-    TextTable,
-    count_noun,
-    one_line,
-)
+from barn_eval.analysis.summary import RunSummary, Summary, finite_keys, sort_positions
+from barn_eval.analysis.text_table import TextTable, count_noun, one_line
 from barn_eval.analysis.verdict import warn_of_few_worlds
 from barn_eval.results.row_table import column
 from barn_eval.trials.result import Outcome, Rows

@@ -12,11 +12,7 @@ from barn_eval.analysis.compare import (
 )
 from barn_eval.analysis.margins import Margin, decide_margin
 from barn_eval.analysis.measures import COMPARED, require_measures
-from barn_eval.analysis.precision import (
-    estimate_precision,
-    figures_table,
-    needs_table,
-)
+from barn_eval.analysis.precision import estimate_precision, figures_table, needs_table
 from barn_eval.analysis.tables import comparison_table
 from barn_eval.analysis.verdict import conclude_comparison
 from barn_eval.commands.options import (

@@ -10,11 +10,7 @@ from pathlib import Path
 
 import click
 
-from barn_eval.commands.options import (
-    flag_option,
-    folder_argument,
-    print_notes,
-)
+from barn_eval.commands.options import flag_option, folder_argument, print_notes
 from barn_eval.pages import LIVE_PORT, LOOPBACK, PAGE_PORT
 from barn_eval.pages.live.foxglove import FoxgloveStream, require_sdk
 from barn_eval.pages.live.server import PageServer

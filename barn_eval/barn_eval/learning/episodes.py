@@ -26,12 +26,7 @@ from barn_sim.config import SimulatorConfig
 from barn_sim.simulator import Simulator
 from barn_worlds.base.arrays import Bools, Floats, Integers
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.base.types import (
-    NANOSECONDS_PER_SECOND,
-    Pose2D,
-    Scan,
-    Velocity2D,
-)
+from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Pose2D, Scan, Velocity2D
 
 # What Gymnasium returns beside an observation.
 Info: TypeAlias = dict[str, Any]

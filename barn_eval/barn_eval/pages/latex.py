@@ -10,12 +10,7 @@ from barn_eval.analysis.measures import (
     ranking_measure,
     require_measures,
 )
-from barn_eval.analysis.summary import (
-    Summary,
-    common_trials,
-    sort_positions,
-    summarize,
-)
+from barn_eval.analysis.summary import Summary, common_trials, sort_positions, summarize
 from barn_eval.analysis.text_table import TextTable, count_noun
 from barn_eval.analysis.verdict import rank_results
 from barn_eval.pages.template import render

@@ -26,13 +26,7 @@ from barn_eval.ros.sequencer import Tick
 from barn_eval.ros.simulator import SimulatorChannel, SimulatorClient, SimulatorServices
 from barn_eval.ros.subscriber import Subscriber, TrialQueue
 from barn_eval.ros.supervision.process import EventChannel
-from barn_eval.trials.result import (
-    ENVIRONMENT,
-    PLANNER,
-    SIMULATOR,
-    Outcome,
-    Verdict,
-)
+from barn_eval.trials.result import ENVIRONMENT, PLANNER, SIMULATOR, Outcome, Verdict
 from barn_eval.trials.ros_config import EvaluatorConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.system_file import read_system

@@ -30,12 +30,7 @@ from barn_eval.trials.ros_config import RosConfig
 from barn_eval.trials.run_config import ExecutionConfig, RunConfig
 from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_sim.config import robot_of
-from barn_worlds.base.config import (
-    as_plain,
-    from_dict,
-    read_selection,
-    replace_dotted,
-)
+from barn_worlds.base.config import as_plain, from_dict, read_selection, replace_dotted
 from barn_worlds.base.errors import ConfigError, format_value, suggest
 from barn_worlds.base.files import parse_yaml, read_yaml
 from barn_worlds.datasets.dataset import Dataset, open_dataset

@@ -291,7 +291,7 @@ def _least_path_m(
     return max(0.0, length_m)
 
 
-@lru_cache(maxsize=64)
+# Not cached: a planner may change its map, and rivals in its process get one of their own.
 def _planner_map(protocol: Protocol, world: World, course: Course) -> OccupancyMap:
     """Return the planner's map, historical if so ruled, padded to start and goal."""
     has_standard_cells = math.isclose(world.resolution_m, STANDARD_CELL_M)

@@ -44,12 +44,7 @@ from barn_sim.simulator import Simulator
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.compute import NO_COMPUTE
 from barn_worlds.base.errors import BarnError, ConfigError, TippedError
-from barn_worlds.base.types import (
-    NANOSECONDS_PER_SECOND,
-    Odometry,
-    Pose2D,
-    Velocity2D,
-)
+from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Odometry, Pose2D, Velocity2D
 from barn_worlds.messages import decode
 from barn_worlds.messages.topics import CMD_VEL, COLLISION, GROUND_TRUTH, ODOM, SCAN
 

@@ -352,7 +352,10 @@ def test_each_setting_is_a_run_and_the_best_comes_first(succeed, printed, tmp_pa
     assert tables(out / "max_speed_mps=0.4") == tables(tmp_path / "alone")
     folders = map(parse_folder_name, find_setting_folders(out))
     assert list(folders) == [{"max_speed_mps": 0.4}, {"max_speed_mps": 0.8}]
-    rows = [row[:2] for row in sweep_table(make_sweep_board(out)).rows]
+    board = make_sweep_board(out)
+    assert "up to 0.5 m/s, up to 1 m/s" in board.title
+    assert board.notes[1].startswith("Compared across classes")
+    rows = [row[:2] for row in sweep_table(board).rows]
     assert rows == [("gap", "0.8"), ("gap", "0.4")]
 
 

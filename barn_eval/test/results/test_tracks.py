@@ -11,12 +11,7 @@ from refusals import refused
 from report_work import recorded_track
 
 from barn_eval.analysis.sources import read_source
-from barn_eval.results.rows import (
-    TRACKS_FILE,
-    TrialLines,
-    append_line,
-    seal_line,
-)
+from barn_eval.results.rows import TRACKS_FILE, TrialLines, append_line, seal_line
 from barn_eval.results.run_file import RunFile
 from barn_eval.results.tracks import (
     LARGEST_COMMAND,

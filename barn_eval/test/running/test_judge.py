@@ -6,13 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from foreign_bags import (
-    at_half_real_time,
-    edited,
-    in_namespace,
-    messages_of,
-    write_bag,
-)
+from foreign_bags import at_half_real_time, edited, in_namespace, messages_of, write_bag
 from planners import recorded, spec_of
 from refusals import refused
 

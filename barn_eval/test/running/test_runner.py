@@ -28,11 +28,7 @@ from barn_eval.running.pool import (
     WorkerPool,
 )
 from barn_eval.running.run import describe_unscored
-from barn_eval.running.runner import (
-    RunError,
-    TrialLoss,
-    run_trials,
-)
+from barn_eval.running.runner import RunError, TrialLoss, run_trials
 from barn_eval.trials.result import Outcome, Verdict, WallClock
 from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfig
 from barn_eval.trials.trajectory import Trajectory

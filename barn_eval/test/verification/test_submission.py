@@ -66,6 +66,7 @@ def test_what_was_submitted_holds_and_is_a_folder_again(
     assert content | expected == content
     assert (kept / "results.csv").read_bytes() == (run / "results.csv").read_bytes()
     assert barn.results.check(kept).problems == []
+    assert "kept only claims versions" in make_boards([kept])[0].notes[-1]
     said = "1 of 1 rows, 1 tracks, 0 bags, 1 driven again\nholds\n"
     assert command(f"verify {submitted}")[1].endswith(said)
 
@@ -221,6 +222,14 @@ def test_a_file_that_is_cut_off_or_no_zip_is_refused_in_one_line(
         (tmp_path / "bad.zip").write_bytes(content)
         error = rejected("verify bad.zip", ends=ExitCode.FINDINGS)
         assert "is not a submission, or is damaged" in error
+
+
+def test_what_cannot_be_checked_is_not_submitted(rejected, tmp_path, monkeypatch):
+    monkeypatch.setattr(direct, "Simulator", None)
+    with pytest.raises(barn.BarnError):
+        run_inline("0", out=tmp_path / "lost")
+    error = rejected("submit lost", ends=ExitCode.FINDINGS)
+    assert "cannot be submitted: 1 trials: not driven again" in error
 
 
 def test_what_does_not_hold_or_is_not_finished_is_not_submitted(

@@ -8,12 +8,7 @@ import math
 
 import numpy as np
 
-from barn_planners.global_plan.kernels import (
-    BLOCKED_PRICE,
-    UNREACHED,
-    Ends,
-    Potential,
-)
+from barn_planners.global_plan.kernels import BLOCKED_PRICE, UNREACHED, Ends, Potential
 from barn_worlds.base.arrays import Floats, Singles, kernel
 
 # Range of the int in which the original keeps potentials that it compares.

@@ -8,10 +8,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from barn_planners.global_plan.kernels import passed_points, visible_points
-from barn_planners.global_plan.planner import (
-    GlobalPlan,
-    transform_plan,
-)
+from barn_planners.global_plan.planner import GlobalPlan, transform_plan
 from barn_planners.interface import PlannerStatus, Task
 from barn_planners.navigation.loop import (
     Control,

@@ -14,15 +14,7 @@ from matplotlib.patches import Circle
 
 from barn_worlds.base.arrays import Floats, Points
 from barn_worlds.base.types import Pose2D
-from barn_worlds.drawing.palette import (
-    CONTACT,
-    FAINT,
-    GOAL,
-    INK,
-    MOVER,
-    OBSTACLE,
-    WALL,
-)
+from barn_worlds.drawing.palette import CONTACT, FAINT, GOAL, INK, MOVER, OBSTACLE, WALL
 from barn_worlds.moving.tracks import Tracks, jumps
 from barn_worlds.worlds.scene import TrialScene
 

@@ -10,11 +10,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from barn_worlds.base.errors import WorldError, suggest
-from barn_worlds.geometry.transform import (
-    Transform,
-    quaternion_matrix,
-    rotation_matrix,
-)
+from barn_worlds.geometry.transform import Transform, quaternion_matrix, rotation_matrix
 
 _SCOPES = {"world": "world", "model": "__model__"}  # name of its own frame, by tag
 _FRAMES = ("frame", "joint", "link", "model")

@@ -5,11 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from barn_worlds.geometry.transform import (
-    Transform,
-    quaternion_matrix,
-    rotation_matrix,
-)
+from barn_worlds.geometry.transform import Transform, quaternion_matrix, rotation_matrix
 
 
 def test_a_rotation_is_about_fixed_axes():

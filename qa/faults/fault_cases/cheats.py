@@ -4,7 +4,7 @@ from functools import partial
 from pathlib import Path
 
 from fault_cases.environment import shared_memory
-from fault_cases.kit import Lab, add, case, ending, hold
+from fault_cases.kit import Lab, add, case, cases_of, ending, hold
 from fault_cases.meddling import FAMILY
 from fault_cases.planners import FOREIGN, by_command, ros
 from fault_cases.processes import driving
@@ -48,101 +48,52 @@ def _run_cheat(
 
 _CAUGHT = "The trial ends as interference, without a score, and names who did what."
 _NOTHING = "Nothing comes of it: the trial runs to its timeout at the first attempt."
-for _name, _done, _words in (
-    (
-        "forged-scans",
-        "The planner publishes scans that show nothing.",
-        "publishes /scan",
-    ),
-    (
-        "outcome",
-        "The planner publishes a success on /outcome.",
-        "publishes /outcome",
-    ),
-    (
-        "step",
-        "The planner calls the simulator's step.",
-        "called simulator/step",
-    ),
-):
+_CAUGHT_CASES = """
+forged-scans | publishes /scan
+    The planner publishes scans that show nothing.
+outcome | publishes /outcome
+    The planner publishes a success on /outcome.
+step | called simulator/step
+    The planner calls the simulator's step.
+"""
+for _name, _words, _done in cases_of(_CAUGHT_CASES):
     _act = partial(_run_cheat, kind=_name, outcome="interference", words=_words)
     add(FAMILY, _name, _done, _CAUGHT, _act)
-for _name, _done, _must, _words, _find in (
-    (
-        "evaluators-name",
-        "The planner makes a node of the evaluator's name.",
-        _NOTHING,
-        "",
-        "",
-    ),
-    (
-        "evaluators-clock",
-        "The planner sets use_sim_time of the evaluator.",
-        _NOTHING,
-        "",
-        "",
-    ),
-    (
-        "helper",
-        "Another process of the planner sends commands as well.",
-        "The row names both publishers.",
-        "2 publishers on /cmd_vel: /cheat, /helper",
-        "",
-    ),
-    (
-        "memory",
-        "The planner looks for the suite's processes, to open their memory.",
-        "It sees none; the trial runs to its timeout.",
-        "",
-        "0 of the suite's processes",
-    ),
-    (
-        "line",
-        "The planner asks for a reset by each socket that it has or finds by name.",
-        _NOTHING,
-        "",
-        "sockets took it",
-    ),
-    (
-        "writes",
-        "The planner adds to the rows, makes a bag, removes run.json and renames the folder of results.",
-        "The kernel lets it do none of that; the trial runs to its timeout.",
-        "",
-        "Read-only file system; Read-only file system; No such file or directory; Device or resource busy",
-    ),
-    (
-        "seed",
-        "The planner reads the campaign's seed from the evaluator's file in the folder of results.",
-        "It sees no file there; the trial runs to its timeout.",
-        "",
-        "0 files",
-    ),
-    (
-        "suite",
-        "The planner looks whether it may write to the suite's packages.",
-        "It may, as any process of that user: [Fairness](fairness.md#left-to-the-organizer) says what helps.",
-        "",
-        "may write to them",
-    ),
-    (
-        "forks",
-        "The planner starts 500 processes.",
-        _NOTHING,
-        "",
-        "500 processes",
-    ),
-    (
-        "processor",
-        "The planner starts six endless loops.",
-        _NOTHING,
-        "",
-        "6 processes",
-    ),
-):
+# Words of the row, and of what the planner reports.
+_VAIN = """
+evaluators-name | |
+    The planner makes a node of the evaluator's name.
+evaluators-clock | |
+    The planner sets use_sim_time of the evaluator.
+helper | 2 publishers on /cmd_vel: /cheat, /helper |
+    Another process of the planner sends commands as well.
+memory | | 0 of the suite's processes
+    The planner looks for the suite's processes, to open their memory.
+line | | sockets took it
+    The planner asks for a reset by each socket that it has or finds by name.
+writes | | Read-only file system; Read-only file system; No such file or directory; Device or resource busy
+    The planner adds to the rows, makes a bag, removes run.json and renames the folder of results.
+seed | | 0 files
+    The planner reads the campaign's seed from the evaluator's file in the folder of results.
+suite | | may write to them
+    The planner looks whether it may write to the suite's packages.
+forks | | 500 processes
+    The planner starts 500 processes.
+processor | | 6 processes
+    The planner starts six endless loops.
+"""
+_ENDS = {
+    "helper": "The row names both publishers.",
+    "memory": "It sees none; the trial runs to its timeout.",
+    "writes": "The kernel lets it do none of that; the trial runs to its timeout.",
+    "seed": "It sees no file there; the trial runs to its timeout.",
+    "suite": "It may, as any process of that user: [Fairness](fairness.md#left-to-the-organizer) says what helps.",
+}
+for _name, _words, _find, _done in cases_of(_VAIN):
     _act = partial(
         _run_cheat, kind=_name, outcome="timeout", words=_words, report=_find
     )
-    add(FAMILY, _name, _done, _must, _act)
+    add(FAMILY, _name, _done, _ENDS.get(_name, _NOTHING), _act)
 _GATE = ("--ros", "patience.gate_s=10")
 _DETAIL = 4000
 

@@ -6,7 +6,7 @@ from functools import partial
 
 from fault_cases.campaigns import run_undisturbed
 from fault_cases.direct import SHORT
-from fault_cases.kit import Lab, add, case, hold
+from fault_cases.kit import Lab, add, case, cases_of, hold
 
 FAMILY = "commands"
 TAG = "<script>alert(1)</script>"
@@ -19,77 +19,37 @@ def _expect_refusal(lab: Lab, words: Sequence[object], mistake: str) -> str:
     return refusal.replace(str(lab.folder), "")[:200]
 
 
-for _name, _done, _words, _mistake in (
-    (
-        "command",
-        "The command is written `comapre`.",
-        "comapre a b",
-        "did you mean 'compare'",
-    ),
-    (
-        "planner",
-        "The planner `dwaa`.",
-        "run --planner dwaa --out out",
-        "did you mean 'dwa'",
-    ),
-    (
-        "preset",
-        "The preset `challange`.",
-        "run --planner dwa:challange --out out",
-        "challenge",
-    ),
-    (
-        "protocol",
-        "The protocol `challange`.",
-        "run --protocol challange --out out",
-        "did you mean 'challenge'",
-    ),
-    (
-        "dataset",
-        "The data set `barn30`.",
-        "run --dataset barn30 --out out",
-        "did you mean 'barn300'",
-    ),
-    (
-        "world",
-        "World 300 of 300 numbered from 0.",
-        "run --worlds 300 --out out",
-        "300",
-    ),
-    ("worlds", "The worlds `0-`.", "run --worlds 0- --out out", "0-"),
-    ("option", "The option `--wrlds`.", "run --wrlds 0 --out out", "--worlds"),
-    (
-        "parameter",
-        "The parameter `max_sped_mps` of DWA.",
-        "run --set max_sped_mps=1 --out out",
-        "max_speed_mps",
-    ),
-    (
-        "value",
-        "A speed of DWA of -1 m/s.",
-        "run --set dwa.max_speed_mps=-1 --out out",
-        "max_speed_mps must be",
-    ),
-    (
-        "simulator",
-        "The simulator parameter `lidar.beam`.",
-        "run --sim lidar.beam=1 --out out",
-        "lidar.beams",
-    ),
-    (
-        "ros",
-        "The parameter `patience.comand_s` of mode ros.",
-        "run --mode ros --ros patience.comand_s=1 --out out",
-        "patience.command_s",
-    ),
-    ("seed", "A seed of -1.", "run --seed -1 --out out", "--seed"),
-    (
-        "folder",
-        "A report of a folder that is not there.",
-        "report no/such",
-        "no/such",
-    ),
-):
+_MISTAKES = """
+command | comapre a b | did you mean 'compare'
+    The command is written `comapre`.
+planner | run --planner dwaa --out out | did you mean 'dwa'
+    The planner `dwaa`.
+preset | run --planner dwa:challange --out out | challenge
+    The preset `challange`.
+protocol | run --protocol challange --out out | did you mean 'challenge'
+    The protocol `challange`.
+dataset | run --dataset barn30 --out out | did you mean 'barn300'
+    The data set `barn30`.
+world | run --worlds 300 --out out | 300
+    World 300 of 300 numbered from 0.
+worlds | run --worlds 0- --out out | 0-
+    The worlds `0-`.
+option | run --wrlds 0 --out out | --worlds
+    The option `--wrlds`.
+parameter | run --set max_sped_mps=1 --out out | max_speed_mps
+    The parameter `max_sped_mps` of DWA.
+value | run --set dwa.max_speed_mps=-1 --out out | max_speed_mps must be
+    A speed of DWA of -1 m/s.
+simulator | run --sim lidar.beam=1 --out out | lidar.beams
+    The simulator parameter `lidar.beam`.
+ros | run --mode ros --ros patience.comand_s=1 --out out | patience.command_s
+    The parameter `patience.comand_s` of mode ros.
+seed | run --seed -1 --out out | --seed
+    A seed of -1.
+folder | report no/such | no/such
+    A report of a folder that is not there.
+"""
+for _name, _words, _mistake, _done in cases_of(_MISTAKES):
     add(
         FAMILY,
         f"typo-{_name}",

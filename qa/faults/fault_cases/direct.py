@@ -1,11 +1,24 @@
 """Planners that go wrong in mode direct, in the process of a worker."""
 
 import resource
+import sys
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from fault_cases.kit import Lab, add, case, ending, expect_row, hold, repeatable
+import numpy as np
+
+from barn_eval.trials.result import unpack_delays
+from fault_cases.kit import (
+    Lab,
+    add,
+    case,
+    cases_of,
+    ending,
+    expect_row,
+    hold,
+    repeatable,
+)
 
 FAMILY = "direct"
 SHORT = (
@@ -55,90 +68,81 @@ _DIED = "The trial ends as planner_died with the reason in one line; exit code 3
 _STALLED = "The trial ends as planner_stalled after the limit on a trial's time; no process is left."
 _LOST = "The worker is lost, the trial is tried 3 times and then ends as planner_died."
 _INVALID = "invalid_command."
-for _must, _outcome, _options, _kinds in (
-    (
-        _DIED,
-        "planner_died",
-        (),
-        (
-            (
-                "raises",
-                "The planner raises an exception of two lines.",
-                "RuntimeError: out of",
-            ),
-            (
-                "raises-at-start",
-                "The planner raises when it gets its goal.",
-                "OSError: no such map",
-            ),
-            (
-                "no-decision",
-                "The planner returns a text instead of a decision.",
-                "must return a Decision",
-            ),
-            (
-                "wrong-type",
-                "The planner's command is a pair of numbers.",
-                "must be a Velocity2D",
-            ),
-            ("recursion", "The planner recurses without end.", "RecursionError"),
-        ),
-    ),
-    (
-        _INVALID,
-        "invalid_command",
-        (),
-        (
-            ("nan", "The planner commands NaN.", "nan m/s"),
-            ("inf", "The planner commands a turn at infinite speed.", "inf rad/s"),
-        ),
-    ),
-    (
-        _LOST,
-        "planner_died",
-        (),
-        (
-            ("system-exit", "The planner calls sys.exit.", "at the last of 3 attempts"),
-            (
-                "keyboard-interrupt",
-                "The planner raises KeyboardInterrupt.",
-                "3 attempts",
-            ),
-            ("os-exit", "The planner ends its process by os._exit.", "exit code 7"),
-            ("segfault", "The planner reads address 0.", "SIGSEGV"),
-            ("kills-itself", "The planner sends itself SIGKILL.", "SIGKILL"),
-            (
-                "closes-files",
-                "The planner closes all file descriptors of its process.",
-                "",
-            ),
-        ),
-    ),
-    (
-        _STALLED,
-        "planner_stalled",
-        _QUICK,
-        (
-            ("endless-loop", "The planner loops without end.", ""),
-            (
-                "catches-everything",
-                "The planner sleeps and catches BaseException.",
-                "",
-            ),
-            (
-                "hangs-in-c",
-                "The planner hangs in C with the interpreter's lock.",
-                "",
-            ),
-            ("ignores-signals", "The planner ignores SIGTERM and sleeps.", ""),
-        ),
-    ),
-):
-    for _kind, _done, _detail in _kinds:
-        _act = partial(
-            drive, kind=_kind, outcome=_outcome, detail=_detail, extra=_options
-        )
-        add(FAMILY, _kind, _done, _must, _act)
+_ENDS = {
+    "died": ("planner_died", _DIED, ()),
+    "invalid": ("invalid_command", _INVALID, ()),
+    "lost": ("planner_died", _LOST, ()),
+    "stalled": ("planner_stalled", _STALLED, _QUICK),
+}
+_KINDS = """
+raises | died | RuntimeError: out of
+    The planner raises an exception of two lines.
+raises-at-start | died | OSError: no such map
+    The planner raises when it gets its goal.
+no-decision | died | must return a Decision
+    The planner returns a text instead of a decision.
+wrong-type | died | must be a Velocity2D
+    The planner's command is a pair of numbers.
+recursion | died | RecursionError
+    The planner recurses without end.
+nan | invalid | nan m/s
+    The planner commands NaN.
+inf | invalid | inf rad/s
+    The planner commands a turn at infinite speed.
+system-exit | lost | at the last of 3 attempts
+    The planner calls sys.exit.
+keyboard-interrupt | lost | 3 attempts
+    The planner raises KeyboardInterrupt.
+os-exit | lost | exit code 7
+    The planner ends its process by os._exit.
+segfault | lost | SIGSEGV
+    The planner reads address 0.
+kills-itself | lost | SIGKILL
+    The planner sends itself SIGKILL.
+closes-files | lost |
+    The planner closes all file descriptors of its process.
+endless-loop | stalled |
+    The planner loops without end.
+catches-everything | stalled |
+    The planner sleeps and catches BaseException.
+hangs-in-c | stalled |
+    The planner hangs in C with the interpreter's lock.
+ignores-signals | stalled |
+    The planner ignores SIGTERM and sleeps.
+"""
+for _kind, _end, _detail, _done in cases_of(_KINDS):
+    _outcome, _must, _options = _ENDS[_end]
+    _act = partial(drive, kind=_kind, outcome=_outcome, detail=_detail, extra=_options)
+    add(FAMILY, _kind, _done, _must, _act)
+
+
+@case(FAMILY)
+def works(lab: Lab) -> str:
+    """The planner computes for 30 ms and sleeps for 30 ms a cycle, alone and beside two busy loops.
+
+    What is charged and what is called too slow agree within 10 %, with and without load.
+    """
+    environment = with_rogue(lab)
+    cycles_ms: list[float] = []
+    for loops in (0, 2):
+        loop = (sys.executable, "-c", "while True: pass")
+        busy = [lab.start_program(loop) for _ in range(loops)]
+        for option in ("", " --execution compute=measured"):
+            out = lab.folder / str(len(cycles_ms))
+            words = f"run --planner rogue --protocol short.yaml --worlds 0 --out {out}"
+            words = f"{words} --set kind=works{option}"
+            lab.barn(*words.split(), environment=environment)
+            (row,) = lab.rows(out)
+            cycle_ms = 50.0 * (row["wall_clock"]["computer"] or 0.0)
+            if option:
+                delays_ns = unpack_delays(row["delays"])
+                cycle_ms = 1e-6 * float(np.percentile(delays_ns, 95.0))
+            cycles_ms.append(cycle_ms)
+        for process in busy:
+            process.kill()
+            process.wait()
+    hold(max(cycles_ms) < 1.1 * min(cycles_ms), cycles_ms)
+    return ", ".join(f"{cycle_ms:.1f} ms" for cycle_ms in cycles_ms)
 
 
 @case(FAMILY)

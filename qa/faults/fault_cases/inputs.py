@@ -105,13 +105,7 @@ for _name, _done, _file, _make, _words in (
         _data_set(_pickle_payload()),
         _LIST,
     ),
-    (
-        "npz-bomb",
-        "A data set of 1 MB that unpacks to 700 MB.",
-        "w.npz",
-        _bomb,
-        _LIST,
-    ),
+    ("npz-bomb", "A data set of 1 MB that unpacks to 700 MB.", "w.npz", _bomb, _LIST),
     (
         "npz-shape",
         "A data set whose array claims 10^22 elements.",
@@ -119,13 +113,7 @@ for _name, _done, _file, _make, _words in (
         _data_set(_npy("(10000000000000000000000,)")),
         _LIST,
     ),
-    (
-        "npz-text",
-        "A text file as a data set.",
-        "w.npz",
-        text_of("no archive"),
-        _LIST,
-    ),
+    ("npz-text", "A text file as a data set.", "w.npz", text_of("no archive"), _LIST),
     (
         "npz-cut-off",
         "A data set that is cut in half.",
@@ -216,13 +204,7 @@ for _name, _done, _file, _make, _words in (
         bytes_of(bytes(range(256)) * 40),
         ("replay",),
     ),
-    (
-        "mcap-empty",
-        "A bag without a byte.",
-        "b.mcap",
-        bytes_of(b""),
-        ("replay",),
-    ),
+    ("mcap-empty", "A bag without a byte.", "b.mcap", bytes_of(b""), ("replay",)),
     (
         "sqlite-garbage",
         "A rosbag2 folder whose database is a text.",

@@ -12,7 +12,7 @@ import sys
 import tempfile
 import time
 import uuid
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -93,6 +93,13 @@ def case(
         return act
 
     return add_function
+
+
+def cases_of(text: str) -> Iterator[list[str]]:
+    """Yield the cells of each case: those that `|` parts, and what is done, a line below."""
+    lines = text.strip().splitlines()
+    for head, done in zip(lines[::2], lines[1::2], strict=True):
+        yield [*map(str.strip, head.split("|")), done.strip()]
 
 
 def hold(condition: object, otherwise: object) -> None:

@@ -5,7 +5,7 @@ import time
 from contextlib import suppress
 from functools import partial
 
-from fault_cases.kit import Lab, add, ending, hold
+from fault_cases.kit import Lab, add, cases_of, ending, hold
 from fault_cases.planners import FOREIGN, SCRIPT, by_command, drive, judge, ros
 from fault_cases.system import peak_memory_mb
 
@@ -34,32 +34,25 @@ def _expect_remark(lab: Lab, ground_truth: str, heard: bool) -> str:
 
 
 _MUST = "The trial ends as interference, without a score, and names who did what."
-for _kind, _done, _words in (
-    (
-        "poses",
-        "The planner publishes poses at the goal on /odom and /ground_truth/odom.",
-        "publishes /odom",
-    ),
-    ("older_stamps", "The planner publishes /clock with time 0.", "publishes /clock"),
-    (
-        "no_contact",
-        "The planner publishes on /collision that there is no contact.",
-        "publishes /collision",
-    ),
-    ("score", "The planner publishes /score.", "publishes /score"),
-    (
-        "twin",
-        "The planner's node has the simulator's name, and publishes /scan.",
-        "named /simulator",
-    ),
-    (
-        "parameters",
-        "The planner sets the start pose of the simulator.",
-        "set start_y_m of simulator",
-    ),
-    ("reset", "The planner calls the simulator's reset.", "called simulator/reset"),
-    ("pause", "The planner calls the simulator's pause.", "called simulator/pause"),
-):
+_MEDDLING = """
+poses | publishes /odom
+    The planner publishes poses at the goal on /odom and /ground_truth/odom.
+older_stamps | publishes /clock
+    The planner publishes /clock with time 0.
+no_contact | publishes /collision
+    The planner publishes on /collision that there is no contact.
+score | publishes /score
+    The planner publishes /score.
+twin | named /simulator
+    The planner's node has the simulator's name, and publishes /scan.
+parameters | set start_y_m of simulator
+    The planner sets the start pose of the simulator.
+reset | called simulator/reset
+    The planner calls the simulator's reset.
+pause | called simulator/pause
+    The planner calls the simulator's pause.
+"""
+for _kind, _words, _done in cases_of(_MEDDLING):
     add(
         FAMILY,
         _kind.replace("_", "-"),
@@ -184,32 +177,17 @@ def _expect_bounded_memory(lab: Lab, kind: str, outcome: str, words: str) -> str
     return f"{description}; evaluator at most {peak_mb} MB, trial {duration_s:.0f} s"
 
 
-for _kind, _done, _outcome, _words in (
-    (
-        "crowd",
-        "The planner makes 5,000 topics in the midst of a trial.",
-        "interference",
-        "topics are on the graph",
-    ),
-    (
-        "meet",
-        "The planner makes 400 nodes in the midst of a trial.",
-        "interference",
-        "nodes are on the graph",
-    ),
-    (
-        "floods",
-        "The planner publishes 4 MB at 50 Hz on a topic of its own, and answers.",
-        "collision",
-        "",
-    ),
-    (
-        "floods-slowly",
-        "The planner publishes 1 MB at 50 Hz on a topic of its own, and answers.",
-        "collision",
-        "",
-    ),
-):
+_CROWDS = """
+crowd | interference | topics are on the graph
+    The planner makes 5,000 topics in the midst of a trial.
+meet | interference | nodes are on the graph
+    The planner makes 400 nodes in the midst of a trial.
+floods | collision |
+    The planner publishes 4 MB at 50 Hz on a topic of its own, and answers.
+floods-slowly | collision |
+    The planner publishes 1 MB at 50 Hz on a topic of its own, and answers.
+"""
+for _kind, _outcome, _words, _done in cases_of(_CROWDS):
     add(
         FAMILY,
         _kind,

@@ -15,6 +15,7 @@ from fault_cases.kit import (
     Skipped,
     add,
     case,
+    cases_of,
     ending,
     expect_row,
     hold,
@@ -100,52 +101,27 @@ def _ends(what: str) -> str:
     return f"The trial ends as {what}, by the planner's fault; nothing is left."
 
 
-for _kind, _done, _outcome, _detail in (
-    (
-        "first-scan",
-        "The planner exits with code 1 at the first scan.",
-        "planner_died",
-        "exited with code 1",
-    ),
-    (
-        "crashes",
-        "The planner raises in a callback in the middle of the trial.",
-        "planner_died",
-        "exited with code 1",
-    ),
-    (
-        "segfault",
-        "The planner reads address 0 in the middle of the trial.",
-        "planner_died",
-        "SIGSEGV",
-    ),
-    (
-        "sleeps",
-        "The planner sleeps in a callback.",
-        "planner_stalled",
-        "no command for 12 s",
-    ),
-    (
-        "loops",
-        "The planner loops without end in a callback.",
-        "planner_stalled",
-        "no command for 12 s",
-    ),
-    (
-        "stops-itself",
-        "The planner sends itself SIGSTOP.",
-        "planner_stalled",
-        "no command for 12 s",
-    ),
-    (
-        "kills-its-group",
-        "The planner sends SIGKILL to its process group.",
-        "planner_died",
-        "SIGKILL",
-    ),
-    ("shuts-down", "The planner shuts its DDS participant down.", "planner_died", ""),
-    ("inf", "The planner commands an infinite speed.", "invalid_command", "inf m/s"),
-):
+_ENDS = """
+first-scan | planner_died | exited with code 1
+    The planner exits with code 1 at the first scan.
+crashes | planner_died | exited with code 1
+    The planner raises in a callback in the middle of the trial.
+segfault | planner_died | SIGSEGV
+    The planner reads address 0 in the middle of the trial.
+sleeps | planner_stalled | no command for 12 s
+    The planner sleeps in a callback.
+loops | planner_stalled | no command for 12 s
+    The planner loops without end in a callback.
+stops-itself | planner_stalled | no command for 12 s
+    The planner sends itself SIGSTOP.
+kills-its-group | planner_died | SIGKILL
+    The planner sends SIGKILL to its process group.
+shuts-down | planner_died |
+    The planner shuts its DDS participant down.
+inf | invalid_command | inf m/s
+    The planner commands an infinite speed.
+"""
+for _kind, _outcome, _detail, _done in cases_of(_ENDS):
     add(
         FAMILY,
         _kind,
@@ -153,33 +129,19 @@ for _kind, _done, _outcome, _detail in (
         _ends(_outcome),
         partial(drive, kind=_kind, outcome=_outcome, detail=_detail),
     )
-for _kind, _done, _outcome, _detail in (
-    (
-        "wrong_type",
-        "The planner publishes std_msgs/String on /cmd_vel.",
-        "wrong_message_type",
-        "String publisher exists",
-    ),
-    ("silent", "The planner never sends a command.", "no_first_motion", "no command"),
-    (
-        "nan",
-        "The planner commands NaN in the middle of the trial.",
-        "invalid_command",
-        "nan m/s",
-    ),
-    (
-        "dies",
-        "The planner sends itself SIGKILL in the middle of the trial.",
-        "planner_died",
-        "SIGKILL",
-    ),
-    (
-        "exits",
-        "The planner exits with code 3 in the middle of the trial.",
-        "planner_died",
-        "exited with code 3",
-    ),
-):
+_FAULTS = """
+wrong_type | wrong_message_type | String publisher exists
+    The planner publishes std_msgs/String on /cmd_vel.
+silent | no_first_motion | no command
+    The planner never sends a command.
+nan | invalid_command | nan m/s
+    The planner commands NaN in the middle of the trial.
+dies | planner_died | SIGKILL
+    The planner sends itself SIGKILL in the middle of the trial.
+exits | planner_died | exited with code 3
+    The planner exits with code 3 in the middle of the trial.
+"""
+for _kind, _outcome, _detail, _done in cases_of(_FAULTS):
     _name = _kind.replace("_", "-")
     add(
         FAMILY,
@@ -188,13 +150,19 @@ for _kind, _done, _outcome, _detail in (
         _ends(_outcome),
         partial(faulty, kind=_kind, outcome=_outcome, detail=_detail),
     )
-for _kind, _done in (
-    ("ignores-signals", "The planner ignores SIGINT, SIGTERM, SIGHUP and SIGQUIT."),
-    ("thousand-hertz", "The planner sends 1,000 commands a second."),
-    ("stale", "The planner's commands are stamped 1 s."),
-    ("future", "The planner's commands are stamped in the year 2033."),
-    ("two-publishers", "The planner has two publishers on /cmd_vel."),
-):
+_HARMLESS = """
+ignores-signals
+    The planner ignores SIGINT, SIGTERM, SIGHUP and SIGQUIT.
+thousand-hertz
+    The planner sends 1,000 commands a second.
+stale
+    The planner's commands are stamped 1 s.
+future
+    The planner's commands are stamped in the year 2033.
+two-publishers
+    The planner has two publishers on /cmd_vel.
+"""
+for _kind, _done in cases_of(_HARMLESS):
     add(
         FAMILY,
         _kind,
@@ -237,30 +205,26 @@ def _expect_refusal(lab: Lab, kind: str, words: str) -> str:
 
 
 _THREE = "exited with code 1 at its start, 3 times in a row"
-for _kind, _done, _words in (
-    (
-        "import",
-        "The planner's script imports a package that is not there.",
-        "a_package_that_is_not_there",
-    ),
-    (
-        "start",
-        "The planner raises once it has begun with ROS.",
-        "no such parameter: speed",
-    ),
-    (
-        "exits-early",
-        "The planner exits with code 0 before it has a node.",
-        "exited with code 0 at its start",
-    ),
-):
+_EARLY = """
+import | a_package_that_is_not_there
+    The planner's script imports a package that is not there.
+start | no such parameter: speed
+    The planner raises once it has begun with ROS.
+exits-early | exited with code 0 at its start
+    The planner exits with code 0 before it has a node.
+"""
+for _kind, _words, _done in cases_of(_EARLY):
     _must = "After three starts the run ends with one line that quotes the planner's log; exit code 3."
     add(FAMILY, _kind, _done, _must, partial(_expect_refusal, kind=_kind, words=_words))
-for _kind, _done, _detail in (
-    ("never-ready", "The planner sleeps before it has a node.", "/cmd_vel"),
-    ("wrong-topic", "The planner publishes on another topic.", "/command_velocity"),
-    ("no-odometry", "The planner does not subscribe to /odom.", "/odom"),
-):
+_UNREADY = """
+never-ready | /cmd_vel
+    The planner sleeps before it has a node.
+wrong-topic | /command_velocity
+    The planner publishes on another topic.
+no-odometry | /odom
+    The planner does not subscribe to /odom.
+"""
+for _kind, _detail, _done in cases_of(_UNREADY):
     _must = "The trial ends as planner_not_ready, with what is missing; exit code 3."
     _options = ("--ros", "patience.start_s=40")
     add(

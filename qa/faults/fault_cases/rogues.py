@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from barn_eval.running.direct import reference_loop
 from barn_planners.interface import Decision, Observation, Planner, Task
 from barn_planners.registry import PlannerEntry
 from barn_worlds.base.config import Checked, quantity
@@ -69,8 +70,16 @@ def _recurse(depth: int = 0) -> int:
     return _recurse(depth + 1) + 1
 
 
+def _work() -> None:
+    """Compute for 30 ms on the reference computer, and sleep for as long on any."""
+    for _ in range(5):
+        reference_loop()
+    time.sleep(0.03)
+
+
 _DEEDS: dict[str, Callable[[], Any]] = {
     "none": lambda: None,
+    "works": lambda: None,
     "raises": lambda: _raise(RuntimeError("out of\nideas")),
     "no-decision": lambda: "forward",
     "wrong-type": lambda: Decision((0.5, 0.0)),  # type: ignore[arg-type]
@@ -110,6 +119,8 @@ class Rogue(Planner):
     def step(self, observation: Observation) -> Decision:  # noqa: ARG002
         """Drive ahead, or do it."""
         self.cycles += 1
+        if self.config.kind == "works":
+            _work()
         done = _DEEDS[self.config.kind]() if self.cycles == _GOOD_CYCLES else None
         return (
             Decision(Velocity2D(0.5, 0.0))

@@ -17,11 +17,7 @@ from hard_worlds import KINDS, HardParameters, generate_hard_worlds
 
 from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.errors import BarnError, ConfigError
-from barn_worlds.datasets.generate import (
-    NARROWNESS,
-    narrowness,
-    write_ordered,
-)
+from barn_worlds.datasets.generate import NARROWNESS, narrowness, write_ordered
 from barn_worlds.formats.dataset_file import WorldOrder
 from barn_worlds.robots.files import load_robot, name_unless_standard
 from barn_worlds.worlds.course import cell_size_m

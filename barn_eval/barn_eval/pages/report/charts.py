@@ -15,11 +15,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
 from barn_eval.analysis.compare import PairedMeasure
-from barn_eval.analysis.difficulty import (
-    TIME,
-    WorldOrder,
-    means_by_world,
-)
+from barn_eval.analysis.difficulty import TIME, WorldOrder, means_by_world
 from barn_eval.analysis.entries import Entry
 from barn_eval.analysis.leaderboard import sweep_parameters
 from barn_eval.analysis.measures import (

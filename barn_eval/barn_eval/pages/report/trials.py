@@ -22,12 +22,7 @@ from barn_eval.pages.replay.payload import (
 from barn_eval.results.bags.movers import compute_gaps
 from barn_eval.results.row_table import join
 from barn_eval.results.rows import TRACKS_FILE
-from barn_eval.results.tracks import (
-    CHANNELS,
-    MISSING_SAMPLE,
-    Track,
-    parse_track_line,
-)
+from barn_eval.results.tracks import CHANNELS, MISSING_SAMPLE, Track, parse_track_line
 from barn_eval.trials.result import TrialResult
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import BarnError, ConfigError

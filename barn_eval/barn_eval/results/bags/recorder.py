@@ -17,21 +17,11 @@ from typing import Any, BinaryIO, NamedTuple
 import yaml
 
 from barn_eval import __version__
-from barn_eval.results.bags.mcap_writer import (
-    McapWriter,
-    MessageBlock,
-    WrittenChannel,
-)
+from barn_eval.results.bags.mcap_writer import McapWriter, MessageBlock, WrittenChannel
 from barn_worlds.base.errors import BagError, convert_os_errors, suggest
 from barn_worlds.base.types import NANOSECONDS_PER_SECOND
 from barn_worlds.messages.cdr import Layout, jazzy_types
-from barn_worlds.messages.topics import (
-    LATCHED,
-    RELIABLE,
-    OutgoingMessage,
-    Qos,
-    Topic,
-)
+from barn_worlds.messages.topics import LATCHED, RELIABLE, OutgoingMessage, Qos, Topic
 
 METADATA_VERSION = 9  # of metadata.yaml, as rosbag2 of Jazzy writes it
 PARTIAL = ".partial"

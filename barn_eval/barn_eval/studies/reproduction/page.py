@@ -8,11 +8,7 @@ from matplotlib.figure import Figure
 from barn_eval.analysis.planners import assign_colors, spelling
 from barn_eval.pages.figures import label_axes, new_figure, style, write_figure
 from barn_eval.pages.template import render
-from barn_eval.studies.reproduction.findings import (
-    Findings,
-    Origin,
-    to_json,
-)
+from barn_eval.studies.reproduction.findings import Findings, Origin, to_json
 from barn_eval.studies.reproduction.trials import PLANNERS
 from barn_eval.trials.result import Outcome
 from barn_metrics.bootstrap import Interval

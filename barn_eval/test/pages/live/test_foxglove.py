@@ -167,6 +167,7 @@ def test_no_page_of_another_site_passes_the_gate(host, origin, passes):
             lines = ["GET / HTTP/1.1", f"Host: {host}"]
             lines += [f"Origin: {origin}"] if origin else []
             viewer.sendall("\r\n".join([*lines, "", ""]).encode())
+            viewer.settimeout(60.0)
             if passes:
                 server, _ = inner.accept()
                 with server:

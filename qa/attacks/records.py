@@ -1,0 +1,181 @@
+"""Attacks on rivals, on records of trials and on their choice; see `attacks.py`."""
+
+import secrets
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from forgery import edit_run
+from inside import Loser, attack, describe_check, drive
+from planners import Straight, run_inline
+from report_work import rewrite_rows
+
+import barn_eval as barn
+from barn_eval.results.run_file import RunFile
+from barn_eval.trials.protocol import PROTOCOLS
+from barn_eval.trials.seeds import planner_seed
+from barn_planners.interface import Decision, Task
+from barn_worlds.base.config import as_dict
+from barn_worlds.base.types import STOP
+from barn_worlds.datasets.dataset import open_dataset
+from barn_worlds.formats.dataset_file import write_dataset_file
+
+_TRIED_SEEDS = 10_000
+_COPIES = 12
+
+
+class Vandal(Straight):  # type: ignore[misc]
+    """Spoils what its rivals use in the same process, and notes what it gets itself."""
+
+    obstacle_cells: list[int]
+
+    def start(self, task: Task, seed: int) -> None:
+        """Begin a trial."""
+        super().start(task, seed)
+        np.seterr(all="raise")
+        assert task.map is not None
+        self.obstacle_cells.append(int(np.count_nonzero(task.map.data)))
+        task.map.data[:] = 0
+
+
+class Learner(Loser):
+    """Stops, in the second trial of a process, where the first one ended."""
+
+    trials = 0
+
+    def escape(self, decision: Decision) -> Decision:
+        """Return a command that depends on the trials before."""
+        Learner.trials += 1
+        return replace(decision, command=STOP) if Learner.trials == 2 else decision
+
+
+class Guesser(Straight):  # type: ignore[misc]
+    """Looks for the seed of the run, from which that of the simulator follows."""
+
+    seed = -1
+
+    def start(self, task: Task, seed: int) -> None:
+        """Begin a trial."""
+        super().start(task, seed)
+        for guess in range(_TRIED_SEEDS):
+            if planner_seed(guess, 120, 0, "mine") == seed:
+                Guesser.seed = guess
+
+
+@attack("rival/process", "A planner clears its map, and makes rounding an exception.")
+def _(out: Path) -> str:
+    errors = np.geterr()
+    Vandal.obstacle_cells = []
+    choices: Any = {"mine": Vandal, "rival": Vandal}
+    with np.errstate():
+        run_inline("120", choices, PROTOCOLS["known_map"], out=out)
+        is_spoiled = np.geterr() != errors
+    mine, rival = Vandal.obstacle_cells
+    return f"both have {rival} cells" if mine == rival and not is_spoiled else ""
+
+
+@attack("rival/memory", "It remembers where its first trial in a world ended.")
+def _(out: Path) -> str:
+    drive(out, Learner, repetitions=2)
+    choices: Any = {"mine": Learner}
+    difference: str = barn.load(out, planners=choices).rerun(1)
+    return difference
+
+
+@attack("answer/seed", "It looks for the run's seed by its own seed.")
+def _(out: Path) -> str:
+    drive(out, Guesser)
+    easy = Guesser.seed
+    drive(out.with_name("secret"), Guesser, seed=secrets.randbits(62))
+    return "" if Guesser.seed != easy else f"found {easy}, but no seed of 62 bits"
+
+
+@attack("worlds/copies", "One world under many numbers counts as many worlds.")
+def _(out: Path) -> str:
+    path = out / "mine.npz"
+    world = open_dataset("barn300").load(0)
+    write_dataset_file(path, "mine", dict.fromkeys(range(_COPIES), world))
+    drive(out / "run", Straight, "all", dataset=str(path))
+    notes = barn.load(out / "run").verdict()
+    return notes if "copies" in notes else ""
+
+
+@attack("worlds/link", "A link to the worlds leads to harder ones after the trials.")
+def _(out: Path) -> str:
+    for number in (0, 120):
+        world = open_dataset("barn300").load(number)
+        write_dataset_file(out / f"{number}.npz", "mine", {120: world})
+    link = out / "mine.npz"
+    link.symlink_to(out / "0.npz")
+    drive(out / "run", Straight, dataset=str(link))
+    link.unlink()
+    link.symlink_to(out / "120.npz")
+    return describe_check(out / "run")
+
+
+def claim(folder: Path, **changes: Any) -> str:
+    """Change all rows of a folder and return what a check says of it."""
+    rewrite_rows(folder, lambda rows: [row | changes for row in rows])
+    return describe_check(folder)
+
+
+@attack("folder/mode", "Rows claim ROS in real time, where nothing is driven again.")
+def _(out: Path) -> str:
+    drive(out, "gap")
+    with edit_run(out) as content:
+        content["experiment"]["mode"] = "ros"
+        content["experiment"]["ros"]["lockstep"] = False
+    (out / "commands.jsonl").unlink()
+    return claim(out, mode="ros", compute="real_time")
+
+
+@attack("folder/cap", "A lower speed cap is claimed, by which efficiency is higher.")
+def _(out: Path) -> str:
+    drive(out, Loser, settings={"mine.max_speed_mps": 0.5})
+    with edit_run(out) as content:
+        content["experiment"]["planners"][0]["max_speed_mps"] = 0.25
+    (spec,) = RunFile.read(out).run_config().trials()
+    scores = barn.load(out).trials[0].scores
+    scores = replace(scores, least_time_s=spec.least_time_s, efficiency=0.0)
+    changes = {"speed_cap_mps": 0.25, "planner_config": spec.planner_config}
+    return claim(out, scores=as_dict(scores), **changes)
+
+
+@attack("folder/merged", "A trial of another run takes the place of a lost one.")
+def _(out: Path) -> str:
+    drive(out, "gap", "0")
+    other = drive(out.with_name("other"), "gap", "0", seed=6)
+    for name in ("results", "tracks", "commands"):
+        shutil.copy(other / f"{name}.jsonl", out)
+    return describe_check(out)
+
+
+@attack("again/options", "A run goes on with another way of charging.")
+def _(out: Path) -> str:
+    drive(out, Loser, repetitions=2, compute="measured")
+    rewrite_rows(out, lambda rows: rows[:1])
+    try:
+        drive(out, Loser, repetitions=2)
+    except barn.BarnError as error:
+        return f"refused: {error}"
+    return ""
+
+
+@attack("submission/shadow", "Modules beside results shadow those of the suite.")
+def _(out: Path) -> str:
+    drive(out / "run", "gap", "0,30")
+    for name in ("barn_eval", "barn_sim", "numpy", "json"):
+        (out / f"{name}.py").write_text("raise SystemExit('shadowed')")
+    barn_command = Path(sys.executable).with_name("barn")
+    ended = subprocess.run(
+        [barn_command, "check", "run"],
+        cwd=out,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return "" if "shadowed" in ended.stdout + ended.stderr else ended.stdout
