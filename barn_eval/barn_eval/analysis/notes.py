@@ -12,7 +12,7 @@ from barn_eval.results.commands import count_equal_commands
 from barn_eval.results.row_table import column, join, row_keys, systems, take
 from barn_eval.results.run_file import CLAIMED, SUBMISSION_FILE
 from barn_eval.trials.result import MAX_MISSED_SHARE, Rows
-from barn_worlds.base.errors import join_names
+from barn_worlds.base.errors import list_names
 
 # Values that drives with equal commands share.
 _DRIVE_PATHS = ("world_checksum", "simulator_seed", "scores.duration_s")
@@ -133,7 +133,7 @@ def _find_disturbances(path: Path, results: Rows) -> Iterator[str]:
 
     repeated = take(results, column(results, "wall_clock.attempts") > 1)
     if repeated:
-        names = join_names(
+        names = list_names(
             f"{result.trial_id}: {result.wall_clock.retry_note}" for result in repeated
         )
         yield (

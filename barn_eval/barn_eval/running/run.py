@@ -19,7 +19,7 @@ from barn_eval.trials.result import Rows, TrialResult
 from barn_eval.trials.run_config import ExecutionConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trial import signal_handler
-from barn_worlds.base.errors import BarnError, ConfigError, join_names
+from barn_worlds.base.errors import BarnError, ConfigError, list_names
 from barn_worlds.robots.files import name_unless_standard
 
 _MAX_UNSCORED_NAMES = 5
@@ -211,7 +211,7 @@ def check_limits(trials: Sequence[TrialSpec]) -> str:
             tight.append(f"{spec.planner} in {spec.world.name} ({least_s:.1f} s)")
     if not tight:
         return ""
-    return f"at least {_TIGHT_SHARE:.0%} of the limit is needed by {join_names(tight)}"
+    return f"at least {_TIGHT_SHARE:.0%} of the limit is needed by {list_names(tight)}"
 
 
 def _require_time(spec: TrialSpec) -> float:
