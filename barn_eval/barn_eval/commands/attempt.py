@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 @click.argument("planner_command", required=False, metavar="[COMMAND]")
 @click.option(
     "--planner-package",
-    metavar="DIR[:EXECUTABLE]",
+    metavar="DIR[:EXECUTABLE] [ARGUMENT]...",
     help="Start the planner from the source of its ROS package instead.",
 )
 @click.option(

@@ -103,7 +103,7 @@ _EXECUTION = ExecutionConfig()
 @click.option(
     "--planner-package",
     multiple=True,
-    metavar="[NAME=]DIR[:EXECUTABLE]",
+    metavar="[NAME=]DIR[:EXECUTABLE] [ARGUMENT]...",
     help="Start a planner's executable or launch file from the source of its ROS package,"
     " without building the package; repeatable.",
 )

@@ -322,6 +322,7 @@ class JackalVectorEnv(SyncVectorEnv):
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
         max_episode_steps: int | None = None,
+        disable_env_checker: bool | None = None,  # noqa: ARG002 (a batch has none)
         **changes: object,
     ):
         """Make `num_envs` environments that share one batch of simulators.
@@ -333,6 +334,7 @@ class JackalVectorEnv(SyncVectorEnv):
             render_mode: None, or "rgb_array" for pictures from above.
             max_episode_steps: Steps after which an episode is truncated, None for no
                 limit but those of the protocol.
+            disable_env_checker: Taken as by single environments, without effect.
             **changes: Fields of `config` by dotted name.
         """
         config = configure(config, changes)

@@ -151,9 +151,8 @@ def test_where_nothing_is_near_pybullet_is_not_used(pair, monkeypatch):
 
 @pytest.mark.parametrize("autoreset", ["NextStep", "SameStep"])
 def test_a_limit_of_steps_and_pictures_are_gymnasiums(pair, autoreset):
-    limited = pair(
-        autoreset, max_episode_steps=4, render_mode="rgb_array", worlds=[0], **SHORT
-    )
+    options = {"render_mode": "rgb_array", "disable_env_checker": True, **SHORT}
+    limited = pair(autoreset, max_episode_steps=4, worlds=[0], **options)
     drive(limited, 11, forward(11))
     pictures, expected = (env.render() for env in limited)
     assert len(pictures) == COUNT
