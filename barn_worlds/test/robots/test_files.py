@@ -77,6 +77,17 @@ def test_the_jackal_has_the_defaults_and_the_body_of_its_urdf():
     assert (chassis.wheel_radius_m, chassis.base_height_m) == (0.098, 0.0635)
 
 
+def test_the_measured_jackal_has_the_published_errors_and_nothing_else():
+    jackal = load_robot("jackal")
+    measured = load_robot("jackal_measured")
+    # Firmware 1.3.0; standard deviation of the UST-10LX; 95 mm against 98 mm.
+    drive = replace(jackal.drive, turn_deadband_rad_s=0.5, command_latency_s=0.08)
+    assert measured.drive == drive
+    assert measured.lidar == replace(jackal.lidar, noise_m=0.03)
+    assert measured.odometry == replace(jackal.odometry, wheel_radius_error=0.03)
+    assert measured.wheel_friction == jackal.wheel_friction
+
+
 def test_new_keys_of_drive_and_lidar_are_left_out_while_unused():
     assert not {"motor_lag_s", "max_reverse_m_s"} & {*as_dict(DriveConfig())}
     assert not {"mount_y_m", "mount_yaw_rad"} & {*as_dict(LidarConfig())}
