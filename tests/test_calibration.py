@@ -183,7 +183,7 @@ def test_only_common_worlds_and_planners_of_the_table_take_part(tmp_path, table)
 
 
 @pytest.mark.parametrize(
-    ("content", "words"),
+    "content, words",
     [
         (
             "world,dwa_1\n0,10\n",
@@ -240,7 +240,7 @@ def invoke(*arguments):
 
 
 @pytest.mark.parametrize(
-    ("suffix", "magic"), [("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")]
+    "suffix, magic", [("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")]
 )
 def test_command_draws_and_prints(tmp_path, suffix, magic):
     ours = PUBLISHED | {3: [None, 12.0, 13.0]}
@@ -261,7 +261,7 @@ def test_command_draws_and_prints(tmp_path, suffix, magic):
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    "change, words",
     [
         ({"reference": "none.csv"}, "none.csv: No such file or directory"),
         ({"folder": "nowhere"}, "nowhere: holds no results of a run"),

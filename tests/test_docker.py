@@ -151,7 +151,7 @@ def test_the_entrypoint_can_be_started():
     assert SUITE["runtime"].all("ENTRYPOINT") == ['["/entrypoint.sh"]']
 
 
-@pytest.mark.parametrize(("path", "service"), list(services()))
+@pytest.mark.parametrize("path, service", list(services()))
 def test_a_service_has_a_pinned_image_and_existing_commands(path, service):
     name, _, tag = service["image"].partition(":")
     assert name in ("barn-suite", "barn-nav2")

@@ -337,7 +337,7 @@ def python_examples():
             )
 
 
-@pytest.mark.parametrize(("before", "example"), list(python_examples()))
+@pytest.mark.parametrize("before, example", list(python_examples()))
 def test_python_runs_as_it_is_shown(before, example, tmp_path):
     words = {word.split(".")[-1] for word in re.findall(r"[\w.]+", example)}
     for module in {"gymnasium", "stable_baselines3"} & words:

@@ -62,7 +62,7 @@ def complete(tmp_path_factory):
 
 
 @pytest.mark.parametrize(
-    ("name", "change", "complaint"),
+    "name, change, complaint",
     [
         (
             "results.csv",
@@ -165,6 +165,6 @@ sleep 600
 """
 
 
-@pytest.mark.parametrize(("line", "role"), answers_of(ROLES))
+@pytest.mark.parametrize("line, role", answers_of(ROLES))
 def test_roles_are_told_by_the_command_line(line, role):
     assert processes.role(line.split()) == role

@@ -39,7 +39,7 @@ def figures():
 
 
 @pytest.mark.parametrize(
-    ("row", "figure"),
+    "row, figure",
     [(row, figure) for row, bounds in UPPER_BOUNDS.items() for figure in bounds],
 )
 def test_no_more_than(figures, row, figure):

@@ -165,7 +165,7 @@ def test_another_robot_has_its_own_size_and_limits(name, mode):
 
 
 @pytest.mark.parametrize(
-    ("mode", "goal_m"), [("mapless", 20.0), ("map", 10.0)]
+    "mode, goal_m", [("mapless", 20.0), ("map", 10.0)]
 )  # of DynaBARN, of the challenge
 def test_goals_lie_within_the_global_costmap(mode, goal_m):
     # beyond the map as well, so that a costmap of the map's size would not do
@@ -365,7 +365,7 @@ a.open | 3 |
 """
 
 
-@pytest.mark.parametrize(("key", "value", "problem"), rows_of(VALUES))
+@pytest.mark.parametrize("key, value, problem", rows_of(VALUES))
 def test_the_check_knows_types_and_places(tmp_path, capsys, key, value, problem):
     package = tmp_path / "navigation2/nav2_controller"
     package.mkdir(parents=True)

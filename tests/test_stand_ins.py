@@ -76,7 +76,7 @@ def test_between_two_times_a_frame_stands_still(buffer):
 
 
 @pytest.mark.parametrize(
-    ("target", "source", "seconds", "kind", "text"),
+    "target, source, seconds, kind, text",
     [
         (
             "odom",

@@ -49,7 +49,7 @@ plan          | 100 2.0      | 20
 """
 
 
-@pytest.mark.parametrize(("name", "setting", "simulations"), rows_of(TARGETS))
+@pytest.mark.parametrize("name, setting, simulations", rows_of(TARGETS))
 def test_each_target_is_met_within_chance(name, setting, simulations):
     setting = tuple(map(json.loads, setting.split()))
     groups = [some(name, setting)]
@@ -101,7 +101,7 @@ def test_equal_planners_share_their_worlds_and_nothing_else():
 
 
 @pytest.mark.parametrize(
-    ("share", "verdict"),
+    "share, verdict",
     [(0.95, "met"), (0.92, "met within chance"), (0.90, "missed"), (1.0, "missed")],
 )
 def test_a_target_is_missed_beyond_three_errors_with_any_seed(share, verdict):

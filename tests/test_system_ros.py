@@ -74,7 +74,7 @@ def test_the_systems_python_has_none_of_the_libraries(tmp_path):
     assert "No module named 'cattrs'" in done.stdout
 
 
-@pytest.mark.parametrize(("package", "node"), NODES.items())
+@pytest.mark.parametrize("package, node", NODES.items())
 def test_nodes_run_in_the_environment(package, node, workspace):
     script = workspace / f"install/{package}/lib/{package}/{node}"
     assert script.open().readline() == f"#!{workspace}/venv/bin/python\n"
@@ -93,7 +93,7 @@ def test_launch_files_show_their_arguments(name, workspace):
     assert "'namespace':" in done.stdout
 
 
-@pytest.mark.parametrize(("package", "node"), NODES.items())
+@pytest.mark.parametrize("package, node", NODES.items())
 def test_launched_nodes_have_arguments_and_namespace(package, node, workspace):
     arguments = f"{REFUSED[node]} namespace:=r1"
     done = launch(workspace, f"ros2 launch {package} {node}.launch.py {arguments}")

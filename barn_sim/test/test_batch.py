@@ -112,7 +112,7 @@ def test_a_step_of_no_robot_changes_nothing(simulator):
 
 
 @pytest.mark.parametrize(
-    ("robot", "slip_mps"),
+    "robot, slip_mps",
     [("jackal", 0.0), ("jackal", 0.05), ("turtlebot4", 0.0), ("scout_mini", 0.0)],
 )
 def test_batched_robots_advance_as_each_alone(walled_world, robot, slip_mps):

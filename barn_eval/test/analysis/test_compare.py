@@ -199,7 +199,7 @@ def test_only_what_both_have_is_compared():
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    "change, words",
     [
         (
             {"task": "ff"},
@@ -491,7 +491,7 @@ def test_command_names_what_is_missing(folders, rejected):
 
 
 @pytest.mark.parametrize(
-    ("slower_s", "margin", "decision", "code"),
+    "slower_s, margin, decision, code",
     [
         (0.0, "scored_time_s:2", "not worse", 0),
         (0.0, "scored_time_s:10%", "not worse", 0),
@@ -535,7 +535,7 @@ def test_what_cannot_be_told_apart_is_not_shown_to_be_no_worse(folders, command)
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    "text, words",
     [
         ("sucess:1", "unknown measure 'sucess'; did you mean 'success'"),
         ("success", "must be MEASURE:MARGIN"),

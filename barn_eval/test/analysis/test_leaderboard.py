@@ -274,7 +274,7 @@ SWEEPS = """
 """
 
 
-@pytest.mark.parametrize(("options", "words"), answers_of(SWEEPS))
+@pytest.mark.parametrize("options, words", answers_of(SWEEPS))
 def test_what_is_no_sweep_is_refused_in_one_line(options, words, tmp_path):
     options = {"out": tmp_path} | yaml.safe_load(options)
     sweep = options.pop("sweep")
@@ -330,7 +330,7 @@ def test_a_key_of_a_parameter_file_is_changed_in_a_copy(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("key", "words"),
+    "key, words",
     [
         ("FollowPath.sped", "did you mean 'FollowPath.speed'"),
         ("rate", "has several parameters 'rate'; name the node"),

@@ -139,7 +139,7 @@ def test_holm_by_hand():
 
 
 @pytest.mark.parametrize(
-    ("p", "text"), [(0.0004, "p < 0.001"), (0.001, "p = 0.001"), (0.0316, "p = 0.032")]
+    "p, text", [(0.0004, "p < 0.001"), (0.001, "p = 0.001"), (0.0316, "p = 0.032")]
 )
 def test_p_values_are_written_with_three_digits(p, text):
     assert p_text(p) == text

@@ -283,7 +283,7 @@ def test_cheap_failures_raise_the_mean_of_times():
     assert interval.estimate - interval.low > interval.high - interval.estimate > 0.0
 
 
-@pytest.mark.parametrize(("least", "cut"), [(-0.05, False), (0.0, True), (0.05, True)])
+@pytest.mark.parametrize("least, cut", [(-0.05, False), (0.0, True), (0.05, True)])
 def test_only_where_no_value_is_below_zero_are_limits_not_either(least, cut):
     values = np.array([least, 1.0, 3.0])
     trials = np.arange(3)

@@ -86,7 +86,7 @@ def test_repetitions_that_are_not_numbered_count_in_their_order(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    "text, words",
     [
         ("", "columns must be planner, world, outcome and may be .*, got none"),
         (

@@ -326,7 +326,7 @@ def test_what_goes_wrong_in_a_planner_of_ones_own_is_an_outcome(tmp_path, caplog
 
 
 @pytest.mark.parametrize(
-    ("planners", "options", "words"),
+    "planners, options, words",
     [
         (
             3,

@@ -53,7 +53,7 @@ def test_show_draws_vectors(succeed, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("words", "message"),
+    "words, message",
     [
         ("none.yaml", "none.yaml: No such file or directory"),
         ("husk", "unknown robot 'husk'; did you mean 'husky'?"),

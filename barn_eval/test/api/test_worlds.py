@@ -74,7 +74,7 @@ def test_a_course_given_for_a_run_is_in_rows_and_pages(
 
 
 @pytest.mark.parametrize(
-    ("course", "message"),
+    "course, message",
     [
         (
             "12.5,0,0:14,1",
@@ -157,7 +157,7 @@ difficulty predict dynabarn60 --worlds 3
 """
 
 
-@pytest.mark.parametrize(("line", "complaint"), answers_of(MISTAKES))
+@pytest.mark.parametrize("line, complaint", answers_of(MISTAKES))
 def test_a_mistake_is_one_clear_line_and_leaves_nothing(rejected, line, complaint):
     assert complaint in rejected(line)
 

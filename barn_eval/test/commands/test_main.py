@@ -86,7 +86,7 @@ def complete(line, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("line", "values"),
+    "line, values",
     [
         ("run --repe", ["--repetitions"]),
         ("run --planners eb", ["eband"]),
@@ -349,7 +349,7 @@ run --dataset TINY --out x --mode ros --planner a/b --planner-command x
 """
 
 
-@pytest.mark.parametrize(("words", "complaint"), answers_of(MISTAKES))
+@pytest.mark.parametrize("words, complaint", answers_of(MISTAKES))
 def test_mistakes_are_told_in_one_line(rejected, tiny, words, complaint):
     assert complaint in rejected(words.replace("TINY", str(tiny)))
 
@@ -391,7 +391,7 @@ def test_a_fault_of_the_suite_is_no_finding(command, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("reason", "code"),
+    "reason, code",
     [("raises", ExitCode.NOT_SCORED), ("interrupts", ExitCode.INTERRUPTED)],
 )
 def test_a_run_in_which_nothing_drove_ends_with_a_code_of_its_own(

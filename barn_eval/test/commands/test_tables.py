@@ -169,7 +169,7 @@ def test_a_run_of_twenty_planners_prints_at_most_40_lines(
     assert lines[-1] == f"next: barn report {out}"
 
 
-@pytest.mark.parametrize(("variables", "is_colored"), [({}, 1), ({"NO_COLOR": "1"}, 0)])
+@pytest.mark.parametrize("variables, is_colored", [({}, 1), ({"NO_COLOR": "1"}, 0)])
 def test_outcomes_have_colors_unless_no_color(variables, is_colored):
     file = io.StringIO()
     console = Console(
@@ -186,14 +186,14 @@ def test_planners_that_a_test_separates_have_ranks_of_their_own():
     assert [row[:2] for row in rows] == [("1", "b"), ("2", "a")]
 
 
-@pytest.mark.parametrize(("worlds", "has_intervals"), [(5, False), (6, True)])
+@pytest.mark.parametrize("worlds, has_intervals", [(5, False), (6, True)])
 def test_few_worlds_have_no_intervals(worlds, has_intervals):
     table = ranked_table(summarize_run(results_of(["a", "b"], worlds)))
     assert any("[" in cell for cell in table.rows[0]) == has_intervals
 
 
 @pytest.mark.parametrize(
-    ("planners", "worlds", "words"),
+    "planners, worlds, words",
     [
         ("a", 3, ""),
         (
@@ -253,7 +253,7 @@ def test_columns_that_do_not_fit_go_below_and_repeat_the_first():
 
 
 @pytest.mark.parametrize(
-    ("width", "lines"),
+    "width, lines",
     [(60, ["a 12.345 [11.111, 13.333] *"]), (30, ["a 12.345", "[11.111, 13.333] *"])],
 )
 def test_limits_go_below_estimates_on_narrow_terminals(width, lines):
@@ -349,7 +349,7 @@ def test_trials_of_a_small_experiment_have_a_line_each(time):
 
 
 @pytest.mark.parametrize(
-    ("verbosity", "trial_lines", "progress_lines"),
+    "verbosity, trial_lines, progress_lines",
     [(Verbosity.QUIET, 0, 0), (Verbosity.NORMAL, 0, 1), (Verbosity.VERBOSE, 11, 1)],
 )
 def test_trials_of_a_larger_run_have_lines_if_asked_for(

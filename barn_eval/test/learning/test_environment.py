@@ -256,7 +256,7 @@ def run_out(env, action, limit=4000):
 
 
 @pytest.mark.parametrize(
-    ("action", "ends", "outcome", "detail", "time_s"),
+    "action, ends, outcome, detail, time_s",
     [
         (FORWARD, (True, False), "collision", "contact", pytest.approx(3.5, abs=0.5)),
         (
@@ -483,7 +483,7 @@ def test_a_picture_shows_the_robot_on_its_way(make):
 
 
 @pytest.mark.parametrize(
-    ("worlds", "numbers"),
+    "worlds, numbers",
     [
         (5, (5,)),
         ([7, 3], (3, 7)),
@@ -560,7 +560,7 @@ MISTAKES = """
 """
 
 
-@pytest.mark.parametrize(("changes", "message"), answers_of(MISTAKES))
+@pytest.mark.parametrize("changes, message", answers_of(MISTAKES))
 def test_a_mistake_is_told_in_one_line(changes, message):
     with refused(re.escape(message), BarnError):
         JackalEnv(**yaml.safe_load(changes))

@@ -83,7 +83,7 @@ def test_so_to_the_goal(pair, open_world, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("steps", "collides", "changes"),
+    "steps, collides, changes",
     [
         (60, True, {"protocol": "known_map", "worlds": "0:300:7", **SHORT}),
         (160, False, {"protocol": "paper2020", "worlds": "0:300:7", **SHORT}),

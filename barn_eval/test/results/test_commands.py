@@ -193,7 +193,7 @@ TRIALS = """
 """
 
 
-@pytest.mark.parametrize(("counts", "mode", "compute", "kept"), rows_of(TRIALS))
+@pytest.mark.parametrize("counts, mode, compute, kept", rows_of(TRIALS))
 def test_commands_are_kept_that_say_when_they_took_effect(counts, mode, compute, kept):
     trial = finished(map(int, counts.split()), mode, compute)
     assert (commands_line(trial) is not None) == (kept == "kept")
@@ -213,7 +213,7 @@ def packed(commands):
 
 
 @pytest.mark.parametrize(
-    ("line", "words"),
+    "line, words",
     [
         ("{}", "line 1: no commands: trial_id is missing"),
         ('{"trial_id": 3}', "no commands: trial_id is missing"),

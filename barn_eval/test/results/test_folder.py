@@ -131,7 +131,7 @@ def test_another_robot_is_not_mixed_in(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    "text, message",
     [
         ("{}", "schema_version must be 2 or 3 or 4 or 5 or 6 or 7, got None"),
         ('{"schema_version": 8, "experiment": {}}', "or 5 or 6 or 7, got 8"),
@@ -156,7 +156,7 @@ OBSERVED = {
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "message"),
+    "name, value, message",
     [
         ("campaign_seed", 10, "gap_w0000_r00 has campaign_seed 10, must have 3"),
         ("simulator_seed", 7, "gap_w0000_r00 has simulator_seed 7, must have "),
@@ -186,7 +186,7 @@ def test_an_early_kill_leaves_a_usable_folder(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "code"), [("fsync", errno.ENOSPC), ("replace", errno.EROFS)]
+    "name, code", [("fsync", errno.ENOSPC), ("replace", errno.EROFS)]
 )
 def test_a_failing_disk_stops_the_run_and_loses_nothing(
     tmp_path, monkeypatch, name, code

@@ -57,7 +57,7 @@ def test_rows_come_back_from_columns_as_from_their_lines():
 
 
 @pytest.mark.parametrize(
-    ("old", "new"),
+    "old, new",
     [
         ('"challenge":0.29,', ""),
         ('"challenge":0.29', '"challenge": null'),

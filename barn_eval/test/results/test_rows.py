@@ -106,7 +106,7 @@ SEALED = f"{seal_line(LINE)}\n"
 
 
 @pytest.mark.parametrize(
-    ("content", "words"),
+    "content, words",
     [
         (f"{SEALED}{seal_line('{}')}\n", "line 2: schema_version must be"),
         (SEALED * 2, "line 2: trial dwa_w0000_r00 is listed twice"),

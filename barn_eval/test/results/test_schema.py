@@ -128,7 +128,7 @@ def test_what_another_version_drove_is_not_submitted(folder, rejected):
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    "change, words",
     [
         ({"task": ""}, "task is '' in the row"),
         ({"schema_version": 2}, "measures.rms_jerk_mps3 is 5.0 in the row"),
@@ -194,7 +194,7 @@ def test_a_version_that_never_was_excuses_nothing(folder, versions):
 
 
 @pytest.mark.parametrize(
-    ("part", "key", "value", "words"),
+    "part, key, value, words",
     [
         ("measures", "min_clearance_m", 9.0, "m in the track, 9.000 m in the row"),
         ("measures", "contact_s", 1e6, "measures.contact_s is 1e+06, must"),
@@ -283,7 +283,7 @@ def test_another_configuration_is_refused_with_the_commits(folder, rejected):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "words"),
+    "old, new, words",
     [
         ('"schema_version": 2', '"schema_version": 9', "schema_version must be 2 or 3"),
         ('"isolate"', '"isolated"', "unknown key 'ros.isolated'"),

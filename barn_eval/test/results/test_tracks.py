@@ -137,7 +137,7 @@ def test_a_line_of_something_else_is_refused_by_its_number(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    "changes, words",
     [
         ({"schema_version": 2}, "schema_version must be 1, got 2"),
         ({"trial_id": 5}, "trial_id is missing"),

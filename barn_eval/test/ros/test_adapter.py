@@ -118,7 +118,7 @@ def test_readings_and_commands_pair_up_as_in_a_direct_trial(adapter):
 
 
 @pytest.mark.parametrize(
-    ("frame", "expected"), [("/odom", [math.nan, 0.2, 0.2]), ("map", [math.nan] * 3)]
+    "frame, expected", [("/odom", [math.nan, 0.2, 0.2]), ("map", [math.nan] * 3)]
 )
 def test_a_plan_counts_from_the_next_reading_in_its_frame(adapter, frame, expected):
     plan = Message(
@@ -229,7 +229,7 @@ def test_response_time_is_from_scan_to_first_command(adapter):
 
 
 @pytest.mark.parametrize(
-    ("statuses", "count"),
+    "statuses, count",
     [
         ([""], None),
         (["recovering"], 1),

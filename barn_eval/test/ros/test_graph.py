@@ -90,7 +90,7 @@ def test_an_ordinary_graph_is_in_order(line):
 
 @pytest.mark.parametrize("line", [Channel(), None], ids=["private line", "by hand"])
 @pytest.mark.parametrize(
-    ("foreign", "words"),
+    "foreign, words",
     [
         (("/odom", PLANNER, "/planner"), "/planner publishes /odom"),
         (("/scan", OTHER, ""), "an unnamed node publishes /scan"),
@@ -155,7 +155,7 @@ class Loop:
 
 
 @pytest.mark.parametrize(
-    ("line", "limit_s"),
+    "line, limit_s",
     [(Channel(), 0.0), (None, LEASE_S)],
     ids=["private line", "by hand"],
 )

@@ -258,7 +258,7 @@ def test_a_simulator_of_others_is_not_taken_for_the_suites():
 
 
 @pytest.mark.parametrize(
-    ("changes", "message"),
+    "changes, message",
     [
         ({"name": "barn"}, "name must not be that of the suite's own simulator"),
         ({"pose": "/tf:odom.base_link"}, "pose must be a topic such as /odom"),

@@ -74,7 +74,7 @@ NOBODY = "no node of a planner is seen"
 
 
 @pytest.mark.parametrize(
-    ("endpoints", "command_type", "message", "outcome"),
+    "endpoints, command_type, message, outcome",
     [
         (
             Graph(),
@@ -255,7 +255,7 @@ def test_a_planner_at_a_fifth_of_a_hertz_is_ended_after_a_minute():
 
 
 @pytest.mark.parametrize(
-    ("pace", "owed"),
+    "pace, owed",
     [(0.03, 1.0), (0.01, 0.4)],
     ids=["slow enough", "the simulator is slow"],
 )

@@ -71,7 +71,7 @@ def write_robot(folder):
 
 
 @pytest.mark.parametrize(
-    ("protocol", "robot", "planner"),
+    "protocol, robot, planner",
     [
         (PAPER_2020, "jackal", "eband"),
         (DYNABARN, "jackal", "dwa"),
@@ -448,7 +448,7 @@ def test_a_planner_that_cannot_import_the_suite_drives(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("command", "words"),
+    "command, words",
     [
         (
             "sh -c 'echo no such parameter; exit 1'",

@@ -117,7 +117,7 @@ def test_the_shell_takes_a_declaration_and_measuring(succeed, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("settings", "named"),
+    "settings, named",
     [
         ({"gap.compute.dely_s": 0.1}, "delay_s"),
         ({"gap.compute.delay_p95_s": 0.1}, "delay_p95_s"),

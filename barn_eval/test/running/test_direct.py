@@ -44,9 +44,7 @@ def spec_of(world, protocol=QUICK, **changes):
     return planners.spec_of(world, protocol, "straight", **changes)
 
 
-@pytest.mark.parametrize(
-    ("preset", "frame"), [("challenge", "odom"), ("paper2020", "map")]
-)
+@pytest.mark.parametrize("preset, frame", [("challenge", "odom"), ("paper2020", "map")])
 def test_a_bag_says_in_which_frame_a_planner_follows_its_plan(
     open_world, tmp_path, preset, frame
 ):
@@ -144,7 +142,7 @@ stops           | timeout         |
 """
 
 
-@pytest.mark.parametrize(("fault", "outcome", "detail"), rows_of(FAULTS))
+@pytest.mark.parametrize("fault, outcome, detail", rows_of(FAULTS))
 def test_faults_of_a_planner_are_outcomes(open_world, tmp_path, fault, outcome, detail):
     finished = recorded(spec_of(open_world), tmp_path / "bag", Faulty(fault))
     assert finished.result.outcome.value == outcome

@@ -271,7 +271,7 @@ def stamped(shift_s):
 
 
 @pytest.mark.parametrize(
-    ("shift_s", "count"),
+    "shift_s, count",
     [
         (lambda at_s: 10**9 * (at_s == 3.0), 1),
         (lambda at_s: -3600 * (at_s == 3.0), 1),
@@ -346,7 +346,7 @@ def no_heading(content):
 
 
 @pytest.mark.parametrize(
-    ("change", "options", "words"),
+    "change, options, words",
     [
         (without("/goal_pose"), {}, "has no goal .a topic of geometry_msgs/msg/Pose"),
         (without("/odom", "/ground_truth/odom"), {}, "no poses of a robot on /odom"),
@@ -412,7 +412,7 @@ NO_BAG = "cannot be read as a bag"
 
 
 @pytest.mark.parametrize(
-    ("ending", "fault"),
+    "ending, fault",
     [("bag", NO_BAG), ("db3", NO_BAG), ("mcap.zstd", NO_BAG), ("mcap", "not an MCAP")],
 )
 def test_a_file_that_is_no_bag_is_named_in_one_line(tmp_path, ending, fault):

@@ -85,7 +85,7 @@ def test_an_executable_of_a_workspace_starts_as_it_would_be_installed(
 
 
 @pytest.mark.parametrize(
-    ("name", "files", "entries"),
+    "name, files, entries",
     [
         ("a", {"setup.cfg": CFG}, [("wanderer", "wander.node:main")]),
         ("b", {"CMakeLists.txt": CMAKE}, [("drive.py", "scripts/drive.py")]),
@@ -161,7 +161,7 @@ def test_a_launch_file_starts_its_nodes_that_are_in_the_workspace(workspace, tmp
 
 
 @pytest.mark.parametrize(
-    ("node", "problem"),
+    "node, problem",
     [
         ("executable=f(1)", r"line 2: cannot read f\(1\) without executing it"),
         ("executable='other'", "has no Python executable 'other'"),
@@ -201,7 +201,7 @@ COMPILED = "add_executable(planner_node src/planner.cpp)\n"
 
 
 @pytest.mark.parametrize(
-    ("files", "name", "problem"),
+    "files, name, problem",
     [
         (
             {"setup.py": SETUP},

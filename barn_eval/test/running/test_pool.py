@@ -63,7 +63,7 @@ def test_environment_of_workers_does_not_leak(engine, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("deed", "argument", "reason"),
+    "deed, argument, reason",
     [
         ("die", signal.SIGKILL, "its worker process was killed by SIGKILL"),
         ("die", signal.SIGSEGV, "its worker process was killed by SIGSEGV"),

@@ -149,7 +149,7 @@ dwa,gap | {gap.max_speed_mps: 0.2, dwa.dwa.max_speed_mps: 1} | [{dwa.max_speed_m
 """
 
 
-@pytest.mark.parametrize(("planners", "settings", "overrides"), rows_of(SETTINGS))
+@pytest.mark.parametrize("planners, settings, overrides", rows_of(SETTINGS))
 def test_a_setting_names_its_planner_where_there_are_several(
     planners, settings, overrides
 ):
@@ -240,7 +240,7 @@ ros2 launch examples/nav2/nav2.launch.py controller:=rpp
 """
 
 
-@pytest.mark.parametrize(("command", "name"), answers_of(COMMANDS))
+@pytest.mark.parametrize("command, name", answers_of(COMMANDS))
 def test_a_command_gives_its_planner_a_name(command, name):
     options = {"mode": "ros", "planner_command": command, "out": "x"}
     (planner,) = read_request(None, options).config.planners
@@ -354,7 +354,7 @@ MISTAKES = """
 """
 
 
-@pytest.mark.parametrize(("options", "words"), answers_of(MISTAKES))
+@pytest.mark.parametrize("options, words", answers_of(MISTAKES))
 def test_mistakes_are_told_in_one_line(file, options, words):
     with refused(re.escape(words), BarnError):
         read_request(file, yaml.safe_load(options))

@@ -188,7 +188,7 @@ CHANGES = """
 """
 
 
-@pytest.mark.parametrize(("options", "words"), answers_of(CHANGES))
+@pytest.mark.parametrize("options, words", answers_of(CHANGES))
 def test_another_configuration_is_refused_by_its_key(whole, run_here, options, words):
     before = {path.name: path.read_bytes() for path in whole[1].iterdir()}
     with refused(

@@ -178,7 +178,7 @@ def test_a_lost_trial_is_tried_again_and_the_loss_is_noted(tmp_path, config, spe
 
 
 @pytest.mark.parametrize(
-    ("overtime", "outcome"),
+    "overtime, outcome",
     [(False, Outcome.PLANNER_DIED), (True, Outcome.PLANNER_STALLED)],
 )
 def test_a_trial_lost_at_every_attempt_is_a_failure(

@@ -79,7 +79,7 @@ def test_a_file_of_a_run_is_a_side(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "command", "words"),
+    "text, command, words",
     [
         (
             "no_such_program --fast",

@@ -67,7 +67,7 @@ NO_RANGES = """
 """
 
 
-@pytest.mark.parametrize(("parameters", "words"), answers_of(NO_RANGES))
+@pytest.mark.parametrize("parameters, words", answers_of(NO_RANGES))
 def test_what_are_no_ranges_is_refused_in_one_line(parameters, words, tmp_path):
     with refused(words, BarnError):
         tuned(tmp_path, parameters=yaml.safe_load(parameters), settings=1)

@@ -58,7 +58,7 @@ def test_an_obstacle_runs_a_standing_robot_over():
 
 
 @pytest.mark.parametrize(
-    ("speed_mps", "share", "at_rest", "innocent"),
+    "speed_mps, share, at_rest, innocent",
     [
         (None, None, False, False),
         (0.049, 1.0, True, True),
@@ -134,7 +134,7 @@ def test_the_time_to_collision_is_at_current_velocities():
 
 
 @pytest.mark.parametrize(
-    ("standing", "ahead_m", "gap_m", "speed_mps", "touched"),
+    "standing, ahead_m, gap_m, speed_mps, touched",
     [
         ("wall", 0.15, 0.2, 0.0, ""),
         ("wall", 0.15, 0.27, 4.0, "walker"),  # 0.07 m as they touch

@@ -48,7 +48,7 @@ def messages_of(live, referee, time_s):
 
 
 @pytest.mark.parametrize(
-    ("share", "worth"),
+    "share, worth",
     [(None, 0.5), (0.0, 0.5), (2.0, 0.5), (4.0, 0.25), (8.0, 0.125), (99.0, 0.125)],
 )
 def test_before_the_verdict_the_score_is_of_a_success_now(spec, share, worth):

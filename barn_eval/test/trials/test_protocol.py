@@ -132,7 +132,7 @@ def test_a_phase_that_clears_the_start_lets_a_robot_wait_there():
 
 
 @pytest.mark.parametrize(
-    ("row", "x"), [(1, -3.9), (3, -3.9), (5, -3.825), (27, -0.525), (28, -0.5)]
+    "row, x", [(1, -3.9), (3, -3.9), (5, -3.825), (27, -0.525), (28, -0.5)]
 )
 def test_the_papers_start_stays_clear_of_the_side_walls(open_world, row, x):
     path = open_world.path.copy()
@@ -226,7 +226,7 @@ def test_a_course_of_the_worlds_own_is_not_for_maps_that_are_off(open_world):
 
 
 @pytest.mark.parametrize(
-    ("rule", "expected"),
+    "rule, expected",
     [
         (
             PoseRule(x_m=-2.0, x_min_m=-3.0, y_m=3.0),
@@ -260,7 +260,7 @@ def test_distances_for_another_robot_are_in_its_cells(open_world):
 
 @pytest.mark.parametrize("protocol", PROTOCOLS.values(), ids=PROTOCOLS)
 @pytest.mark.parametrize(
-    ("chassis", "changes"),
+    "chassis, changes",
     [
         (STANDARD_ROBOT.chassis, {"resolution_m": 0.2}),
         (HUSKY, {}),
@@ -319,7 +319,7 @@ control_period_s       | 0.05                | 0.05
 """
 
 
-@pytest.mark.parametrize(("key", "paper", "challenge"), rows_of(PUBLISHED))
+@pytest.mark.parametrize("key, paper, challenge", rows_of(PUBLISHED))
 def test_the_two_protocols_differ_as_published(key, paper, challenge):
     assert getattr(PAPER_2020, key) == yaml.safe_load(paper)
     assert getattr(CHALLENGE, key) == yaml.safe_load(challenge)
@@ -359,7 +359,7 @@ clear_start_s | 0.0 | 1000.0
 """
 
 
-@pytest.mark.parametrize(("name", "lowest", "highest"), rows_of(LIMITS))
+@pytest.mark.parametrize("name, lowest, highest", rows_of(LIMITS))
 def test_numbers_that_a_protocol_may_hold(name, lowest, highest):
     lowest, highest = map(float, (lowest, highest))
     base = PoseRule() if hasattr(PoseRule(), name) else PAPER_2020
@@ -444,7 +444,7 @@ MISTAKES = r"""
 """
 
 
-@pytest.mark.parametrize(("text", "complaint"), answers_of(MISTAKES))
+@pytest.mark.parametrize("text, complaint", answers_of(MISTAKES))
 def test_what_is_wrong_with_a_file_is_told_in_one_line(tmp_path, text, complaint):
     path = tmp_path / "wrong.yaml"
     path.write_text(text)
@@ -453,7 +453,7 @@ def test_what_is_wrong_with_a_file_is_told_in_one_line(tmp_path, text, complaint
 
 
 @pytest.mark.parametrize(
-    ("name", "complaint"),
+    "name, complaint",
     [("papper", "did you mean 'paper2020'"), ("no.yaml", "No such file")],
 )
 def test_unknown_protocols(name, complaint):

@@ -97,7 +97,7 @@ def test_motion_of_exactly_the_distance_does_not_start_the_clock():
 
 
 @pytest.mark.parametrize("source", ["odometry", "truth"])
-@pytest.mark.parametrize(("x", "y"), [(0.4, 0.0), (0.0, 0.4), (-0.4, 0.0), (0.0, -0.4)])
+@pytest.mark.parametrize("x, y", [(0.4, 0.0), (0.0, 0.4), (-0.4, 0.0), (0.0, -0.4)])
 def test_the_first_motion_may_be_in_any_direction(source, x, y):
     first = Pose2D(3.0, -2.0, 0.0)
     still = Pose2D(-1.0, 4.0, 0.0)
@@ -204,7 +204,7 @@ def test_a_clock_of_no_distance_starts_with_the_goal():
     assert verdict.duration_s == protocol.limit_s
 
 
-@pytest.mark.parametrize(("x_m", "y_m"), [(-2.1, 0.0), (2.1, 0.0), (0.0, -1.1)])
+@pytest.mark.parametrize("x_m, y_m", [(-2.1, 0.0), (2.1, 0.0), (0.0, -1.1)])
 def test_the_edge_of_the_world_ends_a_trial(x_m, y_m):
     course = replace(COURSE, bounds_m=(-2.0, -1.0, 2.0, 6.0))
     referee = Referee(replace(CHALLENGE, edge_m=1.0), course)
@@ -235,7 +235,7 @@ def test_the_goal_counts_until_the_limit_and_not_after():
 
 
 @pytest.mark.parametrize(
-    ("command", "message"),
+    "command, message",
     [
         (Velocity2D(math.nan, 0.2), "command (nan m/s, 0.2 rad/s) is not finite"),
         (Velocity2D(0.3, math.inf), "command (0.3 m/s, inf rad/s) is not finite"),
@@ -254,7 +254,7 @@ def test_a_command_that_cannot_be_given_ends_the_trial(command, message):
 
 
 @pytest.mark.parametrize(
-    ("declared_mps", "command_mps", "allowed"),
+    "declared_mps, command_mps, allowed",
     [
         (0.05, 0.06, False),
         (0.5, 0.5 * (1.0 + 0.95e-6), True),  # as numbers of 32 bits are rounded
@@ -283,7 +283,7 @@ def test_a_clock_may_stand_still_and_runs_back_one_reading():
 
 
 @pytest.mark.parametrize(
-    ("field", "name"), [("odometry", "odometry"), ("truth", "true pose")]
+    "field, name", [("odometry", "odometry"), ("truth", "true pose")]
 )
 @pytest.mark.parametrize("coordinate", ["x", "y", "yaw"])
 @pytest.mark.parametrize("value", [math.nan, math.inf])

@@ -23,7 +23,7 @@ def test_an_outcome_is_told_in_words():
 
 
 @pytest.mark.parametrize(
-    ("time_s", "metric", "metric_2022"),
+    "time_s, metric, metric_2022",
     [
         (1.0, 0.5, 0.25),
         (10.0, 0.5, 0.25),
@@ -64,7 +64,7 @@ def test_a_success_without_a_time_counts_as_a_failure():
 
 
 @pytest.mark.parametrize(
-    ("outcome", "blamed", "fault"),
+    "outcome, blamed, fault",
     [
         (Outcome.SUCCESS, "planner", ""),
         (Outcome.COLLISION, "", "planner"),
@@ -87,7 +87,7 @@ def test_before_times_were_clipped_the_metric_had_no_limit():
 
 
 @pytest.mark.parametrize(
-    ("outcome", "time_s", "least_time_s", "efficiency"),
+    "outcome, time_s, least_time_s, efficiency",
     [
         (Outcome.SUCCESS, 0.08, 0.06, 0.75),
         (Outcome.SUCCESS, 20.0, None, None),
@@ -106,7 +106,7 @@ def test_efficiency_is_the_least_time_by_that_of_a_success(
 
 
 @pytest.mark.parametrize(
-    ("outcome", "counted_s"), [(Outcome.TIMEOUT, 50.0), (Outcome.COLLISION, 30.0)]
+    "outcome, counted_s", [(Outcome.TIMEOUT, 50.0), (Outcome.COLLISION, 30.0)]
 )
 def test_a_timeout_may_count_with_more_than_another_failure(outcome, counted_s):
     scored = score_trial(
@@ -128,7 +128,7 @@ def test_only_a_success_earns_the_challenge_metric(outcome):
 
 
 @pytest.mark.parametrize(
-    ("outcome", "time_s", "counted_s"),
+    "outcome, time_s, counted_s",
     [
         (Outcome.SUCCESS, 9.0, 9.0),
         (Outcome.PLANNER_DIED, 9.0, 30.0),

@@ -72,7 +72,7 @@ def test_lengths_turns_and_times():
 
 
 @pytest.mark.parametrize(
-    ("contacts", "count", "contact_s"),
+    "contacts, count, contact_s",
     [({1, 3}, 2, 0.1), ({2, 3, 4}, 1, 0.15), ({0, 2}, 2, 0.05)],
     ids=["two", "one that lasts", "one in the first reading, of no time"],
 )
@@ -239,7 +239,7 @@ def clearance(pose, centers, outline=EXTENT):
 
 
 @pytest.mark.parametrize(
-    ("pose", "expected"),
+    "pose, expected",
     [
         ((0.0, 0.0, 0.0), 1.0 - 0.25 - 0.075),
         ((0.0, 0.0, math.pi / 2), 1.0 - 0.2 - 0.075),
@@ -252,7 +252,7 @@ def test_clearance_to_one_cylinder(pose, expected):
 
 
 @pytest.mark.parametrize(
-    ("ahead_m", "left_m", "expected"),
+    "ahead_m, left_m, expected",
     [
         (1.0, 0.45, math.hypot(0.6, 0.4) - 0.075),
         (-0.4, -0.75, math.hypot(0.3, 0.4) - 0.075),

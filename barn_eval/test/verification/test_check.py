@@ -67,7 +67,7 @@ def test_an_unfinished_folder_is_good_as_far_as_it_goes(folder):
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    "change, words",
     [
         (
             lambda out: replace_text(out / "results.jsonl", "success", "Success"),

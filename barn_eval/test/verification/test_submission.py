@@ -92,7 +92,7 @@ def forged(change, folder):
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    "change, words",
     [
         (
             lambda folder: forge(folder, scores__challenge=7.0),
@@ -186,7 +186,7 @@ def in_run(old, new):
 
 
 @pytest.mark.parametrize(
-    ("change", "changes", "words"),
+    "change, changes, words",
     [
         (
             with_file("../evil.txt"),

@@ -40,7 +40,7 @@ SCALARS = [
 ]
 
 
-@pytest.mark.parametrize(("text", "core", "ros"), SCALARS)
+@pytest.mark.parametrize("text, core, ros", SCALARS)
 def test_scalars(text, core, ros):
     assert parse_yaml(f"[{text}]", "f", CoreLoader) == [core]
     assert parse_yaml(f"[{text}]", "f", RosLoader) == [ros]

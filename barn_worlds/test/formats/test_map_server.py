@@ -81,7 +81,7 @@ def test_images_of_one_bit_are_read(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("mode", "kind"),
+    "mode, kind",
     [("L", "png"), ("L", "bmp"), ("RGB", "ppm"), ("P", "png"), ("P", "gif"), ("LA", "png"),
      ("RGBA", "png"), ("RGBA", "tiff"), ("RGBA", "tga"), ("I;16", "png"), ("I;16", "tiff"), ("I;16", "ppm")],
 )  # fmt: skip
@@ -137,7 +137,7 @@ def test_the_mode_raw_takes_values_as_they_are(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("line", "value"),
+    "line, value",
     [
         ("negate: true", 1),
         ("negate: off", 0),

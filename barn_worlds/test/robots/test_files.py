@@ -200,7 +200,7 @@ BALL = """<link name="wheel_right"><collision><geometry><sphere radius="0.11"/><
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    "change, message",
     [
         (("cylinder radius", "mesh filename"), "gives mass_kg, .*; no size of the wheels"),
         (('cylinder radius="0.1" length="0.02"', 'sphere radius="0.1"'), "'chassis.wheel_width_m'; .*; no width of"),

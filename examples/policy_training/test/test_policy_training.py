@@ -88,7 +88,7 @@ def test_a_batch_takes_harder_worlds_with_success():
 
 
 @pytest.mark.parametrize(
-    ("name", "settings"),
+    "name, settings",
     [
         ("PPO", {}),
         ("PPO", {"policy_kwargs": {"net_arch": [16, 16, 16]}}),

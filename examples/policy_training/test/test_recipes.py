@@ -16,7 +16,7 @@ SHOWN = re.findall(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "recipe"), SHOWN[1:])
+@pytest.mark.parametrize("name, recipe", SHOWN[1:])
 def test_a_recipe_writes_a_policy(name, recipe, tmp_path):
     for module in re.findall(r"(?m)^from (ray|torchrl|stable_baselines3)\b", recipe):
         pytest.importorskip(module)

@@ -242,7 +242,7 @@ def test_a_scan_without_ranges_stops_the_robot_with_a_reason(name):
 
 
 @pytest.mark.parametrize(
-    ("name", "own_config"), [("gap", []), ("mppi", ["moving_margin_m"])]
+    "name, own_config", [("gap", []), ("mppi", ["moving_margin_m"])]
 )
 def test_another_robot_changes_the_plain_planner_and_the_margin(name, own_config):
     husky = load_robot("husky")

@@ -85,7 +85,7 @@ def test_a_trial_that_was_left_is_left_for_a_newer_one(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("size", "words"), [(1 << 40, "damaged: a record of"), (20, "damaged")]
+    "size, words", [(1 << 40, "damaged: a record of"), (20, "damaged")]
 )
 def test_what_is_no_bag_is_refused(tmp_path, size, words):
     path = tmp_path / "bags" / "a.partial" / "a.mcap"
@@ -146,7 +146,7 @@ def test_viewers_get_messages_and_late_ones_latched_ones(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("host", "origin", "passes"),
+    "host, origin, passes",
     [
         ("127.0.0.1:1", None, True),
         ("localhost", "http://localhost:8080", True),

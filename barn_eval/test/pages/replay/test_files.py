@@ -181,7 +181,7 @@ MISTAKES = """
 """
 
 
-@pytest.mark.parametrize(("arguments", "reason"), answers_of(MISTAKES))
+@pytest.mark.parametrize("arguments, reason", answers_of(MISTAKES))
 def test_what_is_not_there_is_told_in_one_line(folder, arguments, reason):
     with refused(reason):
         overlay([folder], **yaml.safe_load(arguments))

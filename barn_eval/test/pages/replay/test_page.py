@@ -160,7 +160,7 @@ def test_a_damaged_bag_is_replayed_as_far_as_it_is_whole(either_bag, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("content", "message"),
+    "content, message",
     [
         (b"", ", or cut off at its beginning"),
         (b"no bag at all", ""),

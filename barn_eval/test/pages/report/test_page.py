@@ -310,7 +310,7 @@ def failed(row):
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    "change, message",
     [
         (lambda rows: rows[:1], "odd is partial: 1 of 32 trials"),
         (

@@ -285,7 +285,7 @@ def with_chunk(path, compression, content, stated):
 
 @pytest.mark.parametrize("compression", PACKED)
 @pytest.mark.parametrize(
-    ("size", "stated"),
+    "size, stated",
     [(50_000_000, 100), (100, 50_000_000), (100, 1 << 40), (5_000, 4_999)],
 )
 def test_a_chunk_that_is_not_what_it_states_ends_the_reading(

@@ -124,7 +124,7 @@ def launchers_of(pid):
 
 
 @pytest.mark.parametrize(
-    ("which", "number"), [(0, signal.SIGKILL), (1, signal.SIGKILL), (1, signal.SIGTERM)]
+    "which, number", [(0, signal.SIGKILL), (1, signal.SIGKILL), (1, signal.SIGTERM)]
 )
 def test_nothing_is_left_when_the_launcher_is_killed(tmp_path, which, number):
     process, pids = family(tmp_path)
