@@ -15,6 +15,7 @@ from published import published_trials, read_published
 from refusals import refused
 from results.test_rows import result as a_result
 from scipy import stats
+from text_tables import rows_of
 
 from barn_eval.results.rows import RowFile
 from barn_eval.results.run_file import RunFile
@@ -182,40 +183,23 @@ def test_only_common_worlds_and_planners_of_the_table_take_part(tmp_path, table)
     assert (calibration.ours.trials, calibration.published.trials) == (9, 9)
 
 
-@pytest.mark.parametrize(
-    "content, words",
-    [
-        (
-            "world,dwa_1\n0,10\n",
-            "line 2: path_length_m must be a number above 0, got None",
-        ),
-        ("world,path_length_m\n0,5.0\n", "columns of times, such as dwa_1"),
-        ("world,path_length_m,dwa_1\n", "at least one world"),
-        (
-            "world,path_length_m,dwa_1\n0,5.0,soon\n",
-            "line 2: dwa_1 must be a number above 0, got 'soon'",
-        ),
-        (
-            "world,path_length_m,dwa_1\n0,-1,10\n",
-            "line 2: path_length_m must be a number above 0, got '-1'",
-        ),
-        (
-            "world,path_length_m,eband_1\n0,5,10\n",
-            "has times of eband, the results of none of these",
-        ),
-        (
-            "world,path_length_m,dwa_1\n55,5,10\n",
-            "has no world in common with the results of DWA",
-        ),
-        (
-            "world,path_length_m,dwa_1\n0,6,10\n",
-            "the path of world 0 is 6.000 m there and 5.000 m in the results",
-        ),
-    ],
-)
-def test_what_cannot_be_compared_is_named(tmp_path, content, words):
+# Header, line and problem.
+TABLES = """
+world,dwa_1               | 0,10     | line 2: path_length_m must be a number above 0, got None
+world,path_length_m       | 0,5.0    | columns of times, such as dwa_1
+world,path_length_m,dwa_1 |          | at least one world
+world,path_length_m,dwa_1 | 0,5.0,soon | line 2: dwa_1 must be a number above 0, got 'soon'
+world,path_length_m,dwa_1 | 0,-1,10  | line 2: path_length_m must be a number above 0, got '-1'
+world,path_length_m,eband_1 | 0,5,10 | has times of eband, the results of none of these
+world,path_length_m,dwa_1 | 55,5,10  | has no world in common with the results of DWA
+world,path_length_m,dwa_1 | 0,6,10   | the path of world 0 is 6.000 m there and 5.000 m in the results
+"""
+
+
+@pytest.mark.parametrize("header, line, words", rows_of(TABLES))
+def test_what_cannot_be_compared_is_named(tmp_path, header, line, words):
     path = tmp_path / "trials.csv"
-    path.write_text(content)
+    path.write_text(f"{header}\n{line}\n")
     run = write_run(tmp_path / "run", {"dwa": PUBLISHED})
     with refused(words):
         calibrate([run], path)
@@ -260,19 +244,21 @@ def test_command_draws_and_prints(tmp_path, suffix, magic):
     assert "mean of DWA and E-Band over 10 worlds" in text
 
 
-@pytest.mark.parametrize(
-    "change, words",
-    [
-        ({"reference": "none.csv"}, "none.csv: No such file or directory"),
-        ({"folder": "nowhere"}, "nowhere: holds no results of a run"),
-        ({"figure": "scatter.bmp"}, "scatter.bmp: must end in .png, .svg, .pdf"),
-        ({"figure": "absent/scatter.png"}, "cannot be written"),
-    ],
-)
-def test_mistakes_are_one_line(tmp_path, table, change, words):
+# Option, value and problem.
+MISTAKES = """
+reference | none.csv           | none.csv: No such file or directory
+folder    | nowhere            | nowhere: holds no results of a run
+figure    | scatter.bmp        | scatter.bmp: must end in .png, .svg, .pdf
+figure    | absent/scatter.png | cannot be written
+"""
+
+
+@pytest.mark.parametrize("option, value, words", rows_of(MISTAKES))
+def test_mistakes_are_one_line(tmp_path, table, option, value, words):
     write_run(tmp_path / "run", {"dwa": PUBLISHED})
     names = {"folder": "run", "reference": table.name, "figure": "scatter.png"}
-    folder, reference, figure = (tmp_path / name for name in (names | change).values())
+    names[option] = value
+    folder, reference, figure = (tmp_path / name for name in names.values())
     done = invoke(folder, "--reference", reference, "--figure", figure)
     assert done.exit_code != 0
     error = done.stderr.splitlines()[-1]

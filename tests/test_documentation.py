@@ -22,42 +22,42 @@ from barn_metrics.bootstrap import RESAMPLES
 
 # Words of prose and of table cells that a page may have; code, figures and generated
 # parts do not count.
-WORDS = {
-    "../CHANGELOG": 2000,
-    "../SECURITY": 400,
-    "../barn_eval/README": 750,
-    "../barn_sim/README": 800,
-    "../barn_worlds/README": 700,
-    "../examples/nav2/README": 600,
-    "../examples/nav2/lockstep/README": 350,
-    "../qa/README": 520,
-    "architecture": 1400,
-    "boards": 950,
-    "campaigns": 1750,
-    "carry_over": 550,
-    "dynamic": 1300,
-    "efficiency": 650,
-    "fairness": 1400,
-    "fidelity": 1150,
-    "hard_worlds": 500,
-    "ideal_robot": 300,
-    "learning": 1000,
-    "metrics": 950,
-    "mutation": 220,
-    "nav2": 900,
-    "outdoors": 550,
-    "reliability": 650,
-    "results": 650,
-    "protocols": 700,
-    "python": 750,
-    "reports": 1150,
-    "robots": 1200,
-    "statistics": 800,
-    "troubleshooting": 1600,
-    "tutorials/other_stacks": 750,
-    "tutorials/own_world": 750,
-    "tutorials/tuning": 450,
-}
+WORDS = yaml.safe_load("""
+../CHANGELOG: 2000
+../SECURITY: 400
+../barn_eval/README: 750
+../barn_sim/README: 800
+../barn_worlds/README: 700
+../examples/nav2/README: 600
+../examples/nav2/lockstep/README: 350
+../qa/README: 520
+architecture: 1400
+boards: 950
+campaigns: 1750
+carry_over: 550
+dynamic: 1300
+efficiency: 650
+fairness: 1400
+fidelity: 1150
+hard_worlds: 500
+ideal_robot: 300
+learning: 1000
+metrics: 950
+mutation: 220
+nav2: 900
+outdoors: 550
+reliability: 650
+results: 650
+protocols: 700
+python: 750
+reports: 1150
+robots: 1200
+statistics: 800
+troubleshooting: 1600
+tutorials/other_stacks: 750
+tutorials/own_world: 750
+tutorials/tuning: 450
+""")
 
 CAMPAIGNS = (DOCS / "campaigns.md").read_text("utf-8")
 

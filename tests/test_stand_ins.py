@@ -7,6 +7,7 @@ import sys
 
 import numpy as np
 import pytest
+import yaml
 from repository import ROOT
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
@@ -75,24 +76,18 @@ def test_between_two_times_a_frame_stands_still(buffer):
     assert [moved.translation.x, moved.translation.y] == pytest.approx([0.0, 2.0])
 
 
-@pytest.mark.parametrize(
-    "target, source, seconds, kind, text",
-    [
-        (
-            "odom",
-            "lidar",
-            13.0,
-            "Extrapolation",
-            r"into the future.*13\.0.*at time 12\.0",
-        ),
-        ("odom", "lidar", 9.0, "Extrapolation", r"into the past.*9\.0.*at time 10\.0"),
-        ("lidar", "odom", 9.0, "Extrapolation", r"from frame .odom. to frame .lidar."),
-        ("odom", "door", 11.0, "Connectivity", "two or more unconnected trees"),
-        ("odom", "camera", 11.0, "Lookup", r"\"camera\" passed to .* does not exist"),
-        ("odom", "/base", 11.0, "InvalidArgument", "cannot start with a '/'"),
-        ("", "base", 11.0, "InvalidArgument", "cannot be empty"),
-    ],
-)
+UNKNOWN = r"""
+- [odom, lidar, 13.0, Extrapolation, 'into the future.*13\.0.*at time 12\.0']
+- [odom, lidar, 9.0, Extrapolation, 'into the past.*9\.0.*at time 10\.0']
+- [lidar, odom, 9.0, Extrapolation, 'from frame .odom. to frame .lidar.']
+- [odom, door, 11.0, Connectivity, two or more unconnected trees]
+- [odom, camera, 11.0, Lookup, '\"camera\" passed to .* does not exist']
+- [odom, /base, 11.0, InvalidArgument, "cannot start with a '/'"]
+- ["", base, 11.0, InvalidArgument, cannot be empty]
+"""
+
+
+@pytest.mark.parametrize("target, source, seconds, kind, text", yaml.safe_load(UNKNOWN))
 def test_what_is_not_known_is_an_error_of_its_kind(
     buffer, target, source, seconds, kind, text
 ):

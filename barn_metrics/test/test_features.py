@@ -25,7 +25,7 @@ from barn_worlds.worlds.world import World
 RESOLUTION = 0.15
 
 steps = st.sampled_from(
-    [(0, 1), (1, 1), (-1, 1), (1, 0), (-1, 0), (0, -1), (1, -1), (-1, -1)]
+    [step for step in itertools.product((-1, 0, 1), repeat=2) if any(step)]
 )
 paths = st.lists(steps, min_size=1, max_size=40).map(
     lambda moves: np.cumsum([(0, 0), *moves], axis=0)

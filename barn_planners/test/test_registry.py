@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from importlib.metadata import EntryPoint, EntryPoints
 
 import pytest
+import yaml
 
 from barn_planners import registry
 from barn_planners.interface import Decision, Planner
@@ -66,64 +67,45 @@ def test_every_planner_can_be_built_with_every_preset():
             )
 
 
-@pytest.mark.parametrize(
-    "arguments, message",
-    [
-        (("dva",), "unknown planner 'dva'; did you mean 'dwa'?"),
-        (
-            ("dwa", "papr2020"),
-            "planner 'dwa': unknown preset 'papr2020'; did you mean 'paper2020'?",
-        ),
-        (
-            ("dwa", "paper2020", {"dwa.max_sped_mps": 1.0}),
-            "unknown parameter 'dwa.max_sped_mps'; did you mean 'dwa.max_speed_mps'?",
-        ),
-        (
-            ("dwa", "paper2020", {"dwa.max_speed_mps": -1.0}),
-            "planner 'dwa': dwa.max_speed_mps must be from 0.01 to 10 m/s, got -1.0",
-        ),
-    ],
-)
+MISTAKES = """
+- - [dva]
+  - unknown planner 'dva'; did you mean 'dwa'?
+- - [dwa, papr2020]
+  - "planner 'dwa': unknown preset 'papr2020'; did you mean 'paper2020'?"
+- - [dwa, paper2020, {dwa.max_sped_mps: 1.0}]
+  - unknown parameter 'dwa.max_sped_mps'; did you mean 'dwa.max_speed_mps'?
+- - [dwa, paper2020, {dwa.max_speed_mps: -1.0}]
+  - "planner 'dwa': dwa.max_speed_mps must be from 0.01 to 10 m/s, got -1.0"
+"""
+
+
+@pytest.mark.parametrize("arguments, message", yaml.safe_load(MISTAKES))
 def test_mistakes_are_named_in_one_line(arguments, message):
     with pytest.raises(ConfigError) as caught:
         make_planner(*arguments)
     assert message in str(caught.value) and "\n" not in str(caught.value)
 
 
-CANNOT_WORK = {
-    "dwa.min_speed_mps must be at most max_speed_mps = 0.5": (
-        "dwa",
-        {"dwa.min_speed_mps": 0.6},
-    ),
-    "band.min_speed_mps must be at most max_speed_mps = 0.5": (
-        "eband",
-        {"band.min_speed_mps": 0.6},
-    ),
-    "min_speed_mps must be at least -0.5: no faster than max_speed_mps": (
-        "mppi",
-        {"mppi.min_speed_mps": -0.6},
-    ),
-    "samples must be at most 10000000 divided by steps = 1000, got 100000": (
-        "mppi",
-        {"mppi.samples": 100_000, "mppi.steps": 1000},
-    ),
-    "step_s must keep a step's turn to at most 0.5 rad": ("mppi", {"mppi.step_s": 0.5}),
-    "at most 16000000 cells": (
-        "dwa",
-        {"local_costmap.resolution_m": 0.005, "local_costmap.size_m": 100.0},
-    ),
-    "footprint must be corners": (
-        "dwa",
-        {"local_costmap.footprint": "[[1, 1], [1, -1], [-1, 0]]"},
-    ),
-    "must leave a footprint": (
-        "dwa",
-        {
-            "local_costmap.footprint_half_width_m": 0.05,
-            "local_costmap.footprint_padding_m": -0.06,
-        },
-    ),
-}
+CANNOT_WORK = yaml.safe_load("""
+dwa.min_speed_mps must be at most max_speed_mps = 0.5:
+  [dwa, {dwa.min_speed_mps: 0.6}]
+band.min_speed_mps must be at most max_speed_mps = 0.5:
+  [eband, {band.min_speed_mps: 0.6}]
+"min_speed_mps must be at least -0.5: no faster than max_speed_mps":
+  [mppi, {mppi.min_speed_mps: -0.6}]
+samples must be at most 10000000 divided by steps = 1000, got 100000:
+  [mppi, {mppi.samples: 100000, mppi.steps: 1000}]
+step_s must keep a step's turn to at most 0.5 rad:
+  [mppi, {mppi.step_s: 0.5}]
+at most 16000000 cells:
+  [dwa, {local_costmap.resolution_m: 0.005, local_costmap.size_m: 100.0}]
+footprint must be corners:
+  [dwa, {local_costmap.footprint: "[[1, 1], [1, -1], [-1, 0]]"}]
+must leave a footprint:
+  - dwa
+  - local_costmap.footprint_half_width_m: 0.05
+    local_costmap.footprint_padding_m: -0.06
+""")
 
 
 @pytest.mark.parametrize("message", CANNOT_WORK)

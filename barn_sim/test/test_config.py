@@ -4,6 +4,7 @@ from xml.etree.ElementTree import fromstring
 
 import numpy as np
 import pytest
+import yaml
 
 from barn_sim.body.model import model_of, robot_description
 from barn_sim.config import (
@@ -17,26 +18,21 @@ from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.robots.files import STANDARD_ROBOT, load_robot
 
+REFUSALS = """
+- - control_period_s: 0.052
+  - control_period_s must give a period of whole physics steps of 0.005 s
+- - odometry.rate_hz: 30.0
+  - odometry.rate_hz must give a period of whole physics steps
+- - lidar.rate_hz: 60.0
+  - lidar.rate_hz must give a period of whole physics steps
+- - lidar.angle_max_rad: -3.0
+  - angle_max_rad must be above angle_min_rad
+- - lidar.range_max_m: 0.1
+  - range_max_m must be above range_min_m
+"""
 
-@pytest.mark.parametrize(
-    "changes, reason",
-    [
-        (
-            {"control_period_s": 0.052},
-            "control_period_s must give a period of whole physics steps of 0.005 s",
-        ),
-        (
-            {"odometry.rate_hz": 30.0},
-            "odometry.rate_hz must give a period of whole physics steps",
-        ),
-        (
-            {"lidar.rate_hz": 60.0},
-            "lidar.rate_hz must give a period of whole physics steps",
-        ),
-        ({"lidar.angle_max_rad": -3.0}, "angle_max_rad must be above angle_min_rad"),
-        ({"lidar.range_max_m": 0.1}, "range_max_m must be above range_min_m"),
-    ],
-)
+
+@pytest.mark.parametrize("changes, reason", yaml.safe_load(REFUSALS))
 def test_what_is_not_allowed_is_refused_in_one_line(changes, reason):
     with pytest.raises(ConfigError, match=reason) as error:
         replace_dotted(SimulatorConfig(), changes, "--sim")

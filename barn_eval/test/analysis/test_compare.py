@@ -6,6 +6,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+import yaml
 from refusals import refused
 from results.test_rows import result as a_result
 
@@ -198,18 +199,15 @@ def test_only_what_both_have_is_compared():
     assert comparison.row("success").paired.trials == 30
 
 
-@pytest.mark.parametrize(
-    "change, words",
-    [
-        (
-            {"task": "ff"},
-            r"have different tasks \(protocol, simulator or robot\): , ff",
-        ),
-        ({"protocol": "challenge"}, "have different protocols: paper2020, challenge"),
-        ({"world_checksum": "ff"}, "have different worlds of the same number: 00, ff"),
-        ({"simulator_seed": 77}, "have different simulator seeds: 0, 77"),
-    ],
-)
+OTHER_TASKS = r"""
+- [{task: ff}, 'have different tasks \(protocol, simulator or robot\): , ff']
+- [{protocol: challenge}, "have different protocols: paper2020, challenge"]
+- [{world_checksum: ff}, "have different worlds of the same number: 00, ff"]
+- [{simulator_seed: 77}, "have different simulator seeds: 0, 77"]
+"""
+
+
+@pytest.mark.parametrize("change, words", yaml.safe_load(OTHER_TASKS))
 def test_what_is_not_the_same_task_is_refused(change, words):
     other = results("eband")
     with refused(words, BarnError):
@@ -490,16 +488,16 @@ def test_command_names_what_is_missing(folders, rejected):
     )
 
 
-@pytest.mark.parametrize(
-    "slower_s, margin, decision, code",
-    [
-        (0.0, "scored_time_s:2", "not worse", 0),
-        (0.0, "scored_time_s:10%", "not worse", 0),
-        (5.0, "scored_time_s:2", "worse", 4),
-        (5.0, "scored_time_s:5", "not shown", 5),
-        (5.0, "scored_time_s:30%", "not worse", 0),
-    ],
-)
+DECISIONS = """
+- [0.0, "scored_time_s:2", not worse, 0]
+- [0.0, "scored_time_s:10%", not worse, 0]
+- [5.0, "scored_time_s:2", worse, 4]
+- [5.0, "scored_time_s:5", not shown, 5]
+- [5.0, "scored_time_s:30%", not worse, 0]
+"""
+
+
+@pytest.mark.parametrize("slower_s, margin, decision, code", yaml.safe_load(DECISIONS))
 def test_a_planner_must_be_shown_not_to_be_worse(
     command, tmp_path, slower_s, margin, decision, code
 ):

@@ -16,7 +16,7 @@ import pytest
 from campaign_runs import install_stranger
 from click.shell_completion import BashComplete
 from rosbags.rosbag2 import Reader
-from text_tables import answers_of
+from text_tables import answers_of, rows_of
 from waiting import barn_words, run_python
 
 from barn_eval import __version__
@@ -85,25 +85,24 @@ def complete(line, monkeypatch):
     return BashComplete(cli, {}, "barn", "_BARN_COMPLETE").complete().splitlines()
 
 
-@pytest.mark.parametrize(
-    "line, values",
-    [
-        ("run --repe", ["--repetitions"]),
-        ("run --planners eb", ["eband"]),
-        ("run --planners dwa,f=e", ["dwa,f=eband"]),
-        ("run --protocol pap", ["paper2020"]),
-        ("run --robot hus", ["husky"]),
-        ("run --dataset barn3", ["barn300"]),
-        ("planners eb", ["eband"]),
-        ("protocols know", ["known_map"]),
-        ("robots hus", ["husky"]),
-        ("worlds list barn3", ["barn300"]),
-        ("tune eb", ["eband"]),
-    ],
-)
-def test_the_shell_completes_names(line, values, monkeypatch):
-    offers = complete(f"barn {line}", monkeypatch)
-    assert offers == [f"plain,{value}" for value in values]
+COMPLETIONS = """
+run --repe             | --repetitions
+run --planners eb      | eband
+run --planners dwa,f=e | dwa,f=eband
+run --protocol pap     | paper2020
+run --robot hus        | husky
+run --dataset barn3    | barn300
+planners eb            | eband
+protocols know         | known_map
+robots hus             | husky
+worlds list barn3      | barn300
+tune eb                | eband
+"""
+
+
+@pytest.mark.parametrize("line, value", rows_of(COMPLETIONS))
+def test_the_shell_completes_names(line, value, monkeypatch):
+    assert complete(f"barn {line}", monkeypatch) == [f"plain,{value}"]
 
 
 def test_the_shell_completes_all_names_and_files_and_folders(monkeypatch):

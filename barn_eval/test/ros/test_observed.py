@@ -257,18 +257,18 @@ def test_a_simulator_of_others_is_not_taken_for_the_suites():
         client.prepare(spec, 1.0)
 
 
-@pytest.mark.parametrize(
-    "changes, message",
-    [
-        ({"name": "barn"}, "name must not be that of the suite's own simulator"),
-        ({"pose": "/tf:odom.base_link"}, "pose must be a topic such as /odom"),
-        ({"contact": "bumper"}, "contact must be a topic, operator or none"),
-        ({"topics": {"lidar": "/scan"}}, "topics must be among cmd_vel, collision"),
-        ({"rest": "operator"}, "unknown key 'rest'.*reset"),
-        ({"reset": "hand"}, "reset must be"),
-        ({"robot_entity": "jackal"}, "robot_entity needs reset: simulation_interfaces"),
-    ],
-)
+WRONG = """
+- [{name: barn}, name must not be that of the suite's own simulator]
+- [{pose: "/tf:odom.base_link"}, pose must be a topic such as /odom]
+- [{contact: bumper}, "contact must be a topic, operator or none"]
+- [{topics: {lidar: /scan}}, "topics must be among cmd_vel, collision"]
+- [{rest: operator}, "unknown key 'rest'.*reset"]
+- [{reset: hand}, reset must be]
+- [{robot_entity: jackal}, "robot_entity needs reset: simulation_interfaces"]
+"""
+
+
+@pytest.mark.parametrize("changes, message", yaml.safe_load(WRONG))
 def test_a_wrong_file_is_refused_in_one_line(tmp_path, changes, message):
     with pytest.raises(ConfigError, match=message):
         read_system(write(tmp_path, **changes))

@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 import pytest
+import yaml
 from text_tables import rows_of
 from trials.test_trajectory import EXTENT, drive, still
 
@@ -57,15 +58,17 @@ def test_an_obstacle_runs_a_standing_robot_over():
     assert encounters.time_to_collision_s == pytest.approx(0.0)
 
 
+CONTACTS = """
+- [null, null, false, false]
+- [0.049, 1.0, true, true]
+- [0.05, 0.099, false, true]
+- [0.05, 0.1, false, false]
+- [0.5, null, false, false]
+"""
+
+
 @pytest.mark.parametrize(
-    "speed_mps, share, at_rest, innocent",
-    [
-        (None, None, False, False),
-        (0.049, 1.0, True, True),
-        (0.05, 0.099, False, True),
-        (0.05, 0.1, False, False),
-        (0.5, None, False, False),
-    ],
+    "speed_mps, share, at_rest, innocent", yaml.safe_load(CONTACTS)
 )
 def test_a_contact_is_no_fault_of_who_rests_or_hardly_approaches(
     speed_mps, share, at_rest, innocent
@@ -133,17 +136,19 @@ def test_the_time_to_collision_is_at_current_velocities():
     assert encounters.time_to_collision_s == pytest.approx(0.8 / 2.0)
 
 
+NEIGHBORS = """
+- [wall, 0.15, 0.2, 0.0, ""]
+- [wall, 0.15, 0.27, 4.0, walker] # 0.07 m as they touch
+- [wall, 0.15, 0.5, 4.0, ""] # 0.1 m only later
+- [cylinder, 0.15, 0.2, 0.0, ""]
+- [cylinder, -0.1, 0.05, 0.0, ""]
+# of two that overlap the robot the one that moves
+- [cylinder, -0.2, -0.1, 0.0, walker]
+"""
+
+
 @pytest.mark.parametrize(
-    "standing, ahead_m, gap_m, speed_mps, touched",
-    [
-        ("wall", 0.15, 0.2, 0.0, ""),
-        ("wall", 0.15, 0.27, 4.0, "walker"),  # 0.07 m as they touch
-        ("wall", 0.15, 0.5, 4.0, ""),  # 0.1 m only later
-        ("cylinder", 0.15, 0.2, 0.0, ""),
-        ("cylinder", -0.1, 0.05, 0.0, ""),
-        # of two that overlap the robot the one that moves
-        ("cylinder", -0.2, -0.1, 0.0, "walker"),
-    ],
+    "standing, ahead_m, gap_m, speed_mps, touched", yaml.safe_load(NEIGHBORS)
 )
 def test_a_contact_is_with_what_is_nearest_at_it_or_before(
     standing, ahead_m, gap_m, speed_mps, touched

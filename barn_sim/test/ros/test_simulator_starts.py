@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 
 rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
@@ -65,16 +66,16 @@ def test_runs_freely_at_sensor_rates_and_rejects_wrong_types(started):
     assert output.count("this run expects geometry_msgs/msg/Twist") == 1
 
 
-@pytest.mark.parametrize(
-    "parameters, reason",
-    [
-        ({"world": 4711}, "no world 4711"),
-        ({"robot": "husk"}, "unknown robot 'husk'; did you mean 'husky'?"),
-        ({"physics.tick_s": 0.003}, "whole physics steps of 0.003 s"),
-        ({"lidar.beams": "many"}, "lidar.beams"),
-        ({"": 0}, "ROS arguments: "),
-    ],
-)
+BAD_STARTS = """
+- [{world: 4711}, no world 4711]
+- [{robot: husk}, "unknown robot 'husk'; did you mean 'husky'?"]
+- [{physics.tick_s: 0.003}, whole physics steps of 0.003 s]
+- [{lidar.beams: many}, lidar.beams]
+- [{"": 0}, "ROS arguments: "]
+"""
+
+
+@pytest.mark.parametrize("parameters, reason", yaml.safe_load(BAD_STARTS))
 def test_a_bad_start_is_refused_in_one_line(parameters, reason):
     code, output = simulator_process(**parameters).end()
     assert code == ExitCode.REFUSED

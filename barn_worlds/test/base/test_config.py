@@ -4,6 +4,7 @@ import re
 from dataclasses import dataclass, field
 
 import pytest
+import yaml
 
 from barn_worlds.base.config import (
     Checked,
@@ -123,34 +124,27 @@ def test_dotted_changes():
     )
 
 
-@pytest.mark.parametrize(
-    "changes, message",
-    [
-        (
-            {"inner.length": 2},
-            "unknown parameter 'inner.length'; did you mean 'inner.length_m'?",
-        ),
-        (
-            {"length_m": 2},
-            "unknown parameter 'length_m'; did you mean 'inner.length_m'?",
-        ),
-        (
-            {"lenght_m": 2},
-            "unknown parameter 'lenght_m'; did you mean 'inner.length_m'?",
-        ),
-        (
-            {"inner.a": 2},
-            "unknown parameter 'inner.a'; known: inner.high_m, inner.kind, inner.length_m, inner.low_m",
-        ),
-        ({"zzz": 2}, "unknown parameter 'zzz'; known: count, inner"),
-        (
-            {"inner": {"low": 2}},
-            "unknown parameter 'inner.low'; did you mean 'inner.low_m'?",
-        ),
-        ({5: 2}, "unknown parameter '5'; known: count, inner"),
-        ({"inner.length_m": -1}, "inner.length_m must be at least 0 m, got -1.0"),
-    ],
-)
+MISTAKES = """
+- - inner.length: 2
+  - unknown parameter 'inner.length'; did you mean 'inner.length_m'?
+- - length_m: 2
+  - unknown parameter 'length_m'; did you mean 'inner.length_m'?
+- - lenght_m: 2
+  - unknown parameter 'lenght_m'; did you mean 'inner.length_m'?
+- - inner.a: 2
+  - "unknown parameter 'inner.a'; known: inner.high_m, inner.kind, inner.length_m, inner.low_m"
+- - zzz: 2
+  - "unknown parameter 'zzz'; known: count, inner"
+- - inner: {low: 2}
+  - unknown parameter 'inner.low'; did you mean 'inner.low_m'?
+- - 5: 2
+  - "unknown parameter '5'; known: count, inner"
+- - inner.length_m: -1
+  - inner.length_m must be at least 0 m, got -1.0
+"""
+
+
+@pytest.mark.parametrize("changes, message", yaml.safe_load(MISTAKES))
 def test_what_is_wrong_with_a_change_is_named(changes, message):
     with pytest.raises(ConfigError) as caught:
         replace_dotted(Outer(), changes, "--set")

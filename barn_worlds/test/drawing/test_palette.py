@@ -5,6 +5,7 @@ They are seen on it and told apart, also by readers with deuteranopia.
 
 import numpy as np
 import pytest
+import yaml
 from matplotlib.colors import to_rgb
 
 from barn_worlds.drawing import palette
@@ -78,16 +79,16 @@ def difference(one, other):
     return np.sqrt(np.dot(parts, parts) + rotation * parts[1] * parts[2])
 
 
-@pytest.mark.parametrize(
-    "one, other, expected",
-    [
-        ((50.0, 2.6772, -79.7751), (50.0, 0.0, -82.7485), 2.0425),
-        ((50.0, 2.5, 0.0), (73.0, 25.0, -18.0), 27.1492),
-        ((60.2574, -34.0099, 36.2677), (60.4626, -34.1751, 39.4387), 1.2644),
-        ((22.7233, 20.0904, -46.6940), (23.0331, 14.9730, -42.5619), 2.0373),
-        ((2.0776, 0.0795, -1.1350), (0.9033, -0.0636, -0.5514), 0.9082),
-    ],
-)
+DIFFERENCES = """
+- [[50.0, 2.6772, -79.7751], [50.0, 0.0, -82.7485], 2.0425]
+- [[50.0, 2.5, 0.0], [73.0, 25.0, -18.0], 27.1492]
+- [[60.2574, -34.0099, 36.2677], [60.4626, -34.1751, 39.4387], 1.2644]
+- [[22.7233, 20.0904, -46.6940], [23.0331, 14.9730, -42.5619], 2.0373]
+- [[2.0776, 0.0795, -1.1350], [0.9033, -0.0636, -0.5514], 0.9082]
+"""
+
+
+@pytest.mark.parametrize("one, other, expected", yaml.safe_load(DIFFERENCES))
 def test_the_difference_is_that_of_its_authors(one, other, expected):
     assert difference(one, other) == pytest.approx(expected, abs=1e-4)
 

@@ -80,11 +80,13 @@ def test_images_of_one_bit_are_read(tmp_path):
     assert read_map(path).data.tolist() == [[0, 0, 0], [100, 100, 100]]
 
 
-@pytest.mark.parametrize(
-    "mode, kind",
-    [("L", "png"), ("L", "bmp"), ("RGB", "ppm"), ("P", "png"), ("P", "gif"), ("LA", "png"),
-     ("RGBA", "png"), ("RGBA", "tiff"), ("RGBA", "tga"), ("I;16", "png"), ("I;16", "tiff"), ("I;16", "ppm")],
-)  # fmt: skip
+IMAGES = """
+L png, L bmp, RGB ppm, P png, P gif, LA png, RGBA png, RGBA tiff, RGBA tga,
+I;16 png, I;16 tiff, I;16 ppm
+"""
+
+
+@pytest.mark.parametrize("mode, kind", [image.split() for image in IMAGES.split(",")])
 def test_every_mode_of_an_opaque_image_gives_the_same_map(tmp_path, mode, kind):
     expected = read_map(save(tmp_path)).data
     gray = Image.open(tmp_path / "m.pgm")
@@ -138,16 +140,16 @@ def test_the_mode_raw_takes_values_as_they_are(tmp_path):
 
 @pytest.mark.parametrize(
     "line, value",
-    [
-        ("negate: true", 1),
-        ("negate: off", 0),
-        ("negate: '1'", 1),
-        ("resolution: 1e-1", 0.1),
-        ("resolution: '0.1'", 0.1),
-        ("image: 2020-01-01", "2020-01-01"),
-        ("image: no", "no"),
-        ("mode: TRINARY", "trinary"),
-    ],
+    {
+        "negate: true": 1,
+        "negate: off": 0,
+        "negate: '1'": 1,
+        "resolution: 1e-1": 0.1,
+        "resolution: '0.1'": 0.1,
+        "image: 2020-01-01": "2020-01-01",
+        "image: no": "no",
+        "mode: TRINARY": "trinary",
+    }.items(),
 )
 def test_keys_are_read_as_yaml_cpp_reads_them(tmp_path, line, value):
     map_file = read_map_file(save(tmp_path, with_keys(line)))

@@ -50,21 +50,25 @@ def test_robots_of_the_suite_say_where_their_numbers_are_from(name):
     )
 
 
+# Length and width in m, and the footprint's width in cells.
+SIZES = """
+husky: [0.990, 0.670, 7]
+jackal: [0.508, 0.430, 5]
+jackal_measured: [0.508, 0.430, 5]
+scout_mini: [0.612, 0.580, 5]
+turtlebot3_burger: [0.138, 0.178, 3]
+turtlebot3_waffle: [0.281, 0.306, 3]
+turtlebot4: [0.342, 0.342, 3]
+"""
+
+
 def test_the_sizes_are_those_of_the_data_sheets():
-    sizes = {
-        "husky": (0.990, 0.670, 7),
-        "jackal": (0.508, 0.430, 5),
-        "jackal_measured": (0.508, 0.430, 5),
-        "scout_mini": (0.612, 0.580, 5),
-        "turtlebot3_burger": (0.138, 0.178, 3),
-        "turtlebot3_waffle": (0.281, 0.306, 3),
-        "turtlebot4": (0.342, 0.342, 3),
-    }
+    sizes = yaml.safe_load(SIZES)
     assert list(ROBOTS) == list(sizes)
     for name, size in sizes.items():
         robot = ROBOTS[name]
         cells = robot.footprint_cells(0.15)
-        assert (round(robot.length_m, 9), round(robot.width_m, 9), cells) == size
+        assert [round(robot.length_m, 9), round(robot.width_m, 9), cells] == size
 
 
 def test_the_jackal_has_the_defaults_and_the_body_of_its_urdf():

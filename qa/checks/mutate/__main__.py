@@ -25,28 +25,28 @@ from changes import Mutant, mutants_of
 from report import BEGIN, Tried, load_reasons, records, summary, survivors, write_page
 from runner import ROOT, prepare, seconds_needed, source_of, survivals
 
-# Modules, and the test files of their packages that are to kill their mutants.
+# Modules, and the test file of their package that is to kill their mutants.
 TESTS = {
-    "barn_eval.trials.rules": ["trials/test_referee"],
-    "barn_eval.trials.referee": ["trials/test_referee"],
-    "barn_eval.trials.protocol": ["trials/test_protocol"],
-    "barn_eval.trials.result": ["trials/test_result"],
-    "barn_eval.trials.seeds": ["trials/test_result"],
-    "barn_eval.trials.trajectory": ["trials/test_trajectory"],
-    "barn_eval.trials.encounters": ["trials/test_encounters"],
-    "barn_eval.ros.adapter": ["ros/test_adapter"],
-    "barn_eval.ros.sequencer": ["ros/test_sequencer"],
-    "barn_eval.analysis.statistics": ["analysis/test_statistics"],
-    "barn_eval.analysis.compare": ["analysis/test_compare"],
-    "barn_eval.analysis.measures": ["analysis/test_measures"],
-    "barn_metrics.bootstrap": ["test_bootstrap"],
+    "barn_eval.trials.rules": "trials/test_referee",
+    "barn_eval.trials.referee": "trials/test_referee",
+    "barn_eval.trials.protocol": "trials/test_protocol",
+    "barn_eval.trials.result": "trials/test_result",
+    "barn_eval.trials.seeds": "trials/test_result",
+    "barn_eval.trials.trajectory": "trials/test_trajectory",
+    "barn_eval.trials.encounters": "trials/test_encounters",
+    "barn_eval.ros.adapter": "ros/test_adapter",
+    "barn_eval.ros.sequencer": "ros/test_sequencer",
+    "barn_eval.analysis.statistics": "analysis/test_statistics",
+    "barn_eval.analysis.compare": "analysis/test_compare",
+    "barn_eval.analysis.measures": "analysis/test_measures",
+    "barn_metrics.bootstrap": "test_bootstrap",
 }
 
 
 def tests_of(module: str) -> list[Path]:
     """Return the test files of a dotted module."""
     package = module.partition(".")[0]
-    return [ROOT / package / "test" / f"{name}.py" for name in TESTS[module]]
+    return [ROOT / package / "test" / f"{TESTS[module]}.py"]
 
 
 def select_mutants(

@@ -19,26 +19,9 @@ from barn_worlds.robots.robot import Chassis
 
 POINTS_PER_CELL = 3
 # Steps (x, y) of the 16 headings in lattice points, counterclockwise from x.
-STEPS = np.array(
-    [
-        (1, 0),
-        (2, 1),
-        (1, 1),
-        (1, 2),
-        (0, 1),
-        (-1, 2),
-        (-1, 1),
-        (-2, 1),
-        (-1, 0),
-        (-2, -1),
-        (-1, -1),
-        (-1, -2),
-        (0, -1),
-        (1, -2),
-        (1, -1),
-        (2, -1),
-    ]
-)
+_QUARTER = np.array([(1, 0), (2, 1), (1, 1), (1, 2)])
+_NEXT_QUARTER = _QUARTER @ [(0, 1), (-1, 0)]
+STEPS = np.concatenate([_QUARTER, _NEXT_QUARTER, -_QUARTER, -_NEXT_QUARTER])
 HEADINGS_RAD = np.arctan2(STEPS[:, 1], STEPS[:, 0])
 _POSES_PER_MOTION = 9
 # Cost of a turn by 1 rad in cells, so that a path turns no more than it gains by it.

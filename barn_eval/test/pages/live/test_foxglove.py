@@ -12,6 +12,7 @@ from contextlib import closing
 import pytest
 from live_client import LiveClient
 from refusals import refused
+from text_tables import rows_of
 from waiting import barn_words
 
 from barn_eval.pages.live import foxglove as live
@@ -145,21 +146,22 @@ def test_viewers_get_messages_and_late_ones_latched_ones(tmp_path):
             )
 
 
-@pytest.mark.parametrize(
-    "host, origin, passes",
-    [
-        ("127.0.0.1:1", None, True),
-        ("localhost", "http://localhost:8080", True),
-        ("127.0.0.1", "https://app.foxglove.dev", True),
-        ("127.0.0.1", "file://", True),
-        ("127.0.0.1", "https://example.com", False),
-        ("127.0.0.1", "http://10.1.2.3", False),
-        ("127.0.0.1", "null", False),
-        ("127.0.0.1", "https://foxglove.dev.example.com", False),
-        ("example.com", None, False),
-        ("[::1", None, False),
-    ],
-)
+# Host, origin and whether a request of both passes.
+REQUESTS = """
+127.0.0.1:1 |                                   | yes
+localhost   | http://localhost:8080             | yes
+127.0.0.1   | https://app.foxglove.dev          | yes
+127.0.0.1   | file://                           | yes
+127.0.0.1   | https://example.com               |
+127.0.0.1   | http://10.1.2.3                   |
+127.0.0.1   | null                              |
+127.0.0.1   | https://foxglove.dev.example.com  |
+example.com |                                   |
+[::1        |                                   |
+"""
+
+
+@pytest.mark.parametrize("host, origin, passes", rows_of(REQUESTS))
 def test_no_page_of_another_site_passes_the_gate(host, origin, passes):
     with socket.create_server(("127.0.0.1", 0)) as inner:
         gate = Gate(("127.0.0.1", 0), inner.getsockname())
