@@ -71,8 +71,9 @@ class SpaceTime:
         self.cell_m = speed_mps * LAYER_S / _REACH_CELLS
         left, bottom, right, top = world.bounds_m
         self._corner = np.array([left, bottom])
-        self._x = np.arange(left, right, self.cell_m) + self.cell_m / 2.0
-        self._y = np.arange(bottom, top, self.cell_m) + self.cell_m / 2.0
+        x = np.arange(left, right, self.cell_m) + self.cell_m / 2.0
+        y = np.arange(bottom, top, self.cell_m) + self.cell_m / 2.0
+        self._x, self._y = np.meshgrid(x, y, indexing="ij")
         self._goal = spec.course.goal
         # Half a meter before what counts as arrival.
         self._arrival_m = max(spec.protocol.goal_distance_m - 0.5, self.cell_m)
@@ -87,7 +88,7 @@ class SpaceTime:
     def _standing_cells(self, margin_m: float) -> BoolGrid:
         """Return the cells that walls and cylinders leave no room in."""
         radius_m = self._circle_m + margin_m
-        x, y = np.meshgrid(self._x, self._y, indexing="ij")
+        x, y = self._x, self._y
         occupied = np.zeros(x.shape, np.bool_)
         for shape in wall_bodies(self._spec.world.walls).shapes():
             along = np.abs((x - shape[0]) * shape[5] + (y - shape[1]) * shape[6])
@@ -114,8 +115,8 @@ class SpaceTime:
             positions, _ = tracks.over(begin_s + np.array([0.0, 0.5, 1.0]) * LAYER_S)
             for places in positions:
                 for (px, py), radius in zip(places, radii, strict=True):
-                    dx = (self._x - px)[:, None]
-                    dy = (self._y - py)[None]
+                    dx = self._x - px
+                    dy = self._y - py
                     occupied |= dx * dx + dy * dy < (radius_m + radius) ** 2
             self._occupied[key] = occupied
         return self._occupied[key]
@@ -135,13 +136,13 @@ class SpaceTime:
             time_s: Time since the start of the trial.
         """
         first = round(time_s / LAYER_S)
-        size = (len(self._x), len(self._y))
+        size = self._x.shape
         cell = np.floor((position - self._corner) / self.cell_m).astype(int)
         cell = np.clip(cell, 0, np.array(size) - 1)
         reached = np.zeros(size, np.bool_)
         reached[tuple(cell)] = True
-        x, y = np.meshgrid(self._x, self._y, indexing="ij")
-        arrived = np.hypot(x - self._goal.x, y - self._goal.y) < self._arrival_m
+        distance = np.hypot(self._x - self._goal.x, self._y - self._goal.y)
+        arrived = distance < self._arrival_m
 
         for margin_m in MARGINS_M:
             layers = self._spread(reached, arrived, first, margin_m)
@@ -149,7 +150,6 @@ class SpaceTime:
                 break
 
         # Backwards from the cell nearest to the goal.
-        distance = np.hypot(x - self._goal.x, y - self._goal.y)
         distance[~layers[-1]] = np.inf
         here = np.array(np.unravel_index(distance.argmin(), size))
         cells = [here]
@@ -159,8 +159,7 @@ class SpaceTime:
             steps = here - before
             is_near = np.hypot(*steps.T) <= _REACH_CELLS
             # The robot turns slowly, so that one is best whose step changes least.
-            changes = np.hypot(*(steps[is_near] - step).T)
-            best = changes.argmin()
+            best = np.hypot(*(steps[is_near] - step).T).argmin()
             step = steps[is_near][best]
             here = before[is_near][best]
             cells.append(here)
@@ -283,6 +282,18 @@ SHOWN = ("success", "challenge", "not_at_fault", "hit_at_rest", "waited_s")
 DRIVERS = {"planning": Oracle, "waiting": WaitingOracle, "parking": ParkingOracle}
 
 
+def configure(dataset: str, worlds: str, protocol: str) -> RunConfig:
+    """Return the configuration of a run, of which a study takes the trials."""
+    rules = load_protocol(protocol)
+    return RunConfig(
+        dataset=dataset,
+        worlds=worlds,
+        planners=(PlannerChoice("gap"),),
+        protocol=rules,
+        simulator=simulator_config(rules),
+    )
+
+
 @click.group()
 def main() -> None:
     """Tell what is possible among moving obstacles, and what is not."""
@@ -306,16 +317,8 @@ def drive(
     seed: int,
 ) -> None:
     """Drive the oracle in trials as `barn run` has them, by 20 worlds of a class."""
-    rules = load_protocol(protocol)
-    config = RunConfig(
-        dataset=dataset,
-        worlds=worlds,
-        planners=(PlannerChoice("gap"),),
-        protocol=rules,
-        simulator=simulator_config(rules),
-        repetitions=repetitions,
-        seed=seed,
-    )
+    config = configure(dataset, worlds, protocol)
+    config = replace(config, repetitions=repetitions, seed=seed)
     results: dict[int, list[TrialResult]] = {}
     for trial in config.trials():
         spec = replace(trial, planner="oracle", declared_mps=speed)
@@ -344,14 +347,7 @@ def drive(
 def starts(dataset: str, worlds: str, limit: float) -> None:
     """Name the worlds in which a robot that has not moved is run over."""
     data = open_dataset(dataset)
-    rules = load_protocol("dynabarn")
-    config = RunConfig(
-        dataset=dataset,
-        worlds=worlds,
-        planners=(PlannerChoice("gap"),),
-        protocol=rules,
-        simulator=simulator_config(rules),
-    )
+    config = configure(dataset, worlds, "dynabarn")
     for number in select_worlds(worlds, data.world_numbers):
         (spec,) = config.trials([number])
         longest_s = max(item.motion.period_s for item in spec.world.moving)
