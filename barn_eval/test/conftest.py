@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from browser import Opened, launch
 from extra_messages import extra_message_types, with_extra_messages
-from planners import Straight, run_inline
+from planners import Straight, open_field, run_inline
 from report_work import campaign, drive
 from shared_fixtures import longest_first, original_folder
 
@@ -19,7 +19,6 @@ from barn_eval.pages.report.page import build_report
 from barn_eval.trials.protocol import CHALLENGE, PAPER_2020
 from barn_worlds.base.errors import ExitCode
 from barn_worlds.moving.motion import Motion, MovingObstacle
-from barn_worlds.worlds.world import World
 
 __all__ = ["extra_message_types", "original_folder", "with_extra_messages"]
 LONGEST = [
@@ -177,10 +176,7 @@ def bag(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def open_world():
-    """A world with nothing but its side walls, and a straight path."""
-    grid = np.zeros((30, 30), np.bool_)
-    grid[[0, 29]] = True
-    return World("open", grid, np.stack([np.full(30, 15), np.arange(30)], axis=1))
+    return open_field()
 
 
 @pytest.fixture(scope="session")

@@ -25,6 +25,7 @@ from barn_planners.interface import (
 )
 from barn_worlds.base.types import STOP, Velocity2D, wrap_angle
 from barn_worlds.datasets.dataset import open_dataset
+from barn_worlds.worlds.world import World
 
 SHORT = replace(
     CHALLENGE, name="short", limit_s=3.0, timeout_time_s=3.0, first_motion_limit_s=3.0
@@ -61,6 +62,13 @@ def spec_of(
         repetition,
         **changes,
     )
+
+
+def open_field():
+    """A world with nothing but its side walls, and a straight path."""
+    grid = np.zeros((30, 30), np.bool_)
+    grid[[0, 29]] = True
+    return World("open", grid, np.stack([np.full(30, 15), np.arange(30)], axis=1))
 
 
 def run_inline(worlds, planners="gap", protocol=SHORT, **options):

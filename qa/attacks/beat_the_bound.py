@@ -17,7 +17,7 @@ import numpy as np
 TESTS = Path(__file__).resolve().parents[2] / "barn_eval" / "test"
 sys.path.insert(0, str(TESTS))
 
-from planners import spec_of  # noqa: E402
+from planners import open_field, spec_of  # noqa: E402
 
 from barn_eval.running.direct import run_direct_trial  # noqa: E402
 from barn_eval.trials.protocol import CHALLENGE, Protocol  # noqa: E402
@@ -25,7 +25,6 @@ from barn_eval.trials.spec import TrialSpec  # noqa: E402
 from barn_planners.interface import Decision, Observation, Planner, Task  # noqa: E402
 from barn_worlds.base.types import Velocity2D, wrap_angle  # noqa: E402
 from barn_worlds.robots.files import load_robot  # noqa: E402
-from barn_worlds.worlds.world import World  # noqa: E402
 
 ROBOTS = ("jackal", "husky", "scout_mini", "turtlebot3_burger", "turtlebot4")
 _SHOWN = 5
@@ -74,14 +73,15 @@ def draw_protocol(rng: np.random.Generator) -> Protocol:
     )
 
 
-def draw_trial(seed: int, world: World) -> tuple[TrialSpec, Weaving]:
+def draw_trial(seed: int) -> tuple[TrialSpec, Weaving]:
     """Return a trial and the planner that drives it."""
     rng = np.random.default_rng(seed)
     robot = load_robot(str(rng.choice(ROBOTS)))
     if robot.name == "jackal" and rng.random() < 0.3:
         robot = replace(robot, chassis=replace(robot.chassis, axle_x_m=0.01))
     speed_mps = robot.drive.max_speed_m_s * rng.uniform(0.2, 1.0)
-    spec = spec_of(world, draw_protocol(rng), robot=robot, declared_mps=speed_mps)
+    protocol = draw_protocol(rng)
+    spec = spec_of(open_field(), protocol, robot=robot, declared_mps=speed_mps)
     errors = replace(
         spec.simulator.odometry, wheel_radius_error=float(rng.choice([0.0, 0.02, 0.1]))
     )
@@ -99,11 +99,7 @@ def draw_trial(seed: int, world: World) -> tuple[TrialSpec, Weaving]:
 
 def find_efficiency(seed: int) -> float | None:
     """Return the efficiency of a seed's trial, None where there is no bound."""
-    grid = np.zeros((30, 30), np.bool_)
-    grid[[0, 29]] = True
-    path = np.stack([np.full(30, 15), np.arange(30)], axis=1)
-    world = World("open", grid, path)
-    spec, planner = draw_trial(seed, world)
+    spec, planner = draw_trial(seed)
     return run_direct_trial(spec, planner=planner).result.scores.efficiency
 
 

@@ -14,10 +14,9 @@ from io import StringIO
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from foreign_bags import edited, messages_of, write_bag
-from inside import attack
-from planners import Steady, Straight, run_inline, spec_of
+from inside import attack, drive
+from planners import Steady, Straight, open_field, run_inline, spec_of
 from rich.console import Console
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
@@ -72,14 +71,6 @@ class Shouting(Planner):
         raise RuntimeError("\x1b[2J\x1b[32mbetter than all \x9b1A\u202e")
 
 
-def open_field(**content: Any) -> World:
-    """Return a world with two walls and no obstacle that stands."""
-    grid = np.zeros((30, 30), np.bool_)
-    grid[[0, 29]] = True
-    path = np.stack([np.full(30, 15), np.arange(30)], axis=1)
-    return World("open", grid, path, **content)
-
-
 def drive_to_win(world: World, protocol: Protocol, speed_mps: float) -> str:
     """Return why a trial of driving straight on has no efficiency above 1."""
     spec = spec_of(world, replace(protocol, name="own"), declared_mps=speed_mps)
@@ -117,14 +108,12 @@ def _(_folder: Path) -> str:
     motion = Motion(kind="linear", period_s=100.0, keys=keys)
     ram = MovingObstacle("ram", "box", size_x_m=2.0, size_y_m=0.5, motion=motion)
     unharmed = replace(CHALLENGE, collision_ends_trial=False)
-    return drive_to_win(open_field(moving=(ram,)), unharmed, 0.5)
+    return drive_to_win(replace(open_field(), moving=(ram,)), unharmed, 0.5)
 
 
 @attack("verdict/copies", "A rival is entered twice, so that tests are corrected for.")
 def _(folder: Path) -> str:
-    choices: Any = {"straight": Straight}
-    options: Any = {"out": folder / "a", "seed": 5}
-    run_inline("0", choices, CHALLENGE, **options)
+    drive(folder / "a", Straight, "0")
     shutil.copytree(folder / "a", folder / "b")
     return find_note([folder / "a", folder / "b"], "equal commands")
 
@@ -133,8 +122,7 @@ def _(folder: Path) -> str:
     "verdict/worlds", "A board has those worlds alone in which one's own planner won."
 )
 def _(folder: Path) -> str:
-    choices: Any = {"straight": Straight}
-    run_inline("0,30", choices, CHALLENGE, out=folder / "a", seed=5)
+    drive(folder / "a", Straight, "0,30")
     return find_note([folder / "a"], "selected worlds", worlds="30")
 
 
@@ -149,10 +137,8 @@ def _(folder: Path) -> str:
 def _(folder: Path) -> str:
     text = StringIO()
     console = Console(file=text, width=80)
-    choices: Any = {"shouting": Shouting}
-    reporter: Any = ConsoleReporter(console)
-    results = run_inline("0", choices, out=folder / "a", progress=reporter)
-    texts = (text.getvalue(), results.trials[0].detail)
+    drive(folder / "a", Shouting, "0", progress=ConsoleReporter(console))
+    texts = (text.getvalue(), barn.load(folder / "a").trials[0].detail)
     assert all("better than all" in words for words in texts)
     if any(not c.isprintable() and c != "\n" for words in texts for c in words):
         return ""
@@ -197,9 +183,7 @@ def _(folder: Path) -> str:
 
 @attack("bag/clock", "Stamps and twist of a robot's bag are those of a faster robot.")
 def _(folder: Path) -> str:
-    options: Any = {"out": folder / "a", "seed": 5, "bags": "all"}
-    run_inline("0", "gap", CHALLENGE, **options)
-    bag = folder / "a" / "bags" / "gap_w0000_r00"
+    bag = drive(folder / "a", "gap", "0", bags="all") / "bags" / "gap_w0000_r00"
 
     def hasten(odometry: Any) -> None:
         stamp = odometry.header.stamp
@@ -220,8 +204,7 @@ def _(folder: Path) -> str:
 
 @attack("server/origin", "A page of another site asks for the state of a run.")
 def _(folder: Path) -> str:
-    choices: Any = {"straight": Straight}
-    run_inline("0", choices, out=folder / "a")
+    drive(folder / "a", Straight, "0")
     with PageServer(folder / "a", port=0) as server:
         _, _, place = server.url.strip("/").partition("//")
         connection = HTTPConnection(place, timeout=30.0)
