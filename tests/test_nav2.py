@@ -34,6 +34,11 @@ CONTROLLERS = ("dwb", "graceful", "mppi", "rpp")
 # of the paper
 SPEED_MPS = 0.5
 TURN_RADPS = 1.57
+# of each controller
+SPEED_KEYS = "max_vel_x vx_max v_linear_max desired_linear_vel"
+TURN_KEYS = "max_vel_theta wz_max v_angular_max rotate_to_heading_angular_vel"
+README = (FOLDER / "README.md").read_text("utf-8")
+COSTMAPS = ("local_costmap", "global_costmap")
 
 
 def merge_nodes(*names):
@@ -55,6 +60,19 @@ def update_nested(before, values):
     }
 
 
+def value_of(parameters, keys):
+    """Return the value of the key that a controller has."""
+    return next(parameters[key] for key in keys.split() if key in parameters)
+
+
+def check_inflation(nodes):
+    """Assert that the controller slows down by what the costmap inflates."""
+    follow = nodes["controller_server"]["FollowPath"]
+    layer = nodes["local_costmap"]["inflation_layer"]
+    assert follow["inflation_cost_scaling_factor"] == layer["cost_scaling_factor"]
+    assert follow["cost_scaling_dist"] <= layer["inflation_radius"]
+
+
 @pytest.fixture(
     params=[(mode, name) for mode in ("map", "mapless") for name in CONTROLLERS],
     ids="_".join,
@@ -63,29 +81,25 @@ def nodes(request):
     return merge_nodes("common", *request.param) | {"mode": request.param[0]}
 
 
+# Nodes and their lists of plugins.
+PLUGINS = """
+controller_server | controller_plugins
+controller_server | goal_checker_plugins
+controller_server | progress_checker_plugins
+planner_server    | planner_plugins
+behavior_server   | behavior_plugins
+bt_navigator      | navigators
+local_costmap     | plugins
+global_costmap    | plugins
+"""
+
+
 def test_plugins_that_are_listed_are_configured(nodes):
-    listed = {
-        "controller_server": (
-            "controller_plugins",
-            "goal_checker_plugins",
-            "progress_checker_plugins",
-        )
-    }
-    listed |= {
-        "planner_server": ("planner_plugins",),
-        "behavior_server": ("behavior_plugins",),
-    }
-    listed |= {
-        "bt_navigator": ("navigators",),
-        "local_costmap": ("plugins",),
-        "global_costmap": ("plugins",),
-    }
-    for node, keys in listed.items():
-        for key in keys:
-            assert nodes[node][key]
-            for plugin in nodes[node][key]:
-                assert "::" in nodes[node][plugin]["plugin"], (node, key)
-    for costmap in ("local_costmap", "global_costmap"):
+    for node, key in rows_of(PLUGINS):
+        assert nodes[node][key]
+        for plugin in nodes[node][key]:
+            assert "::" in nodes[node][plugin]["plugin"], (node, key)
+    for costmap in COSTMAPS:
         layer = nodes[costmap]["obstacle_layer"]
         assert layer[layer["observation_sources"]]["topic"] == "/scan"
         assert nodes[costmap]["plugins"][-1] == "inflation_layer"
@@ -114,7 +128,7 @@ def test_the_footprint_is_that_of_the_robot(nodes):
         for x in (-1, 1)
         for y in (-1, 1)
     }
-    for costmap in ("local_costmap", "global_costmap"):
+    for costmap in COSTMAPS:
         footprint = ast.literal_eval(nodes[costmap]["footprint"])
         assert {tuple(corner) for corner in footprint} == corners
         radius = (jackal.length_m**2 + jackal.width_m**2) ** 0.5 / 2
@@ -130,7 +144,7 @@ def test_another_robot_has_its_own_size_and_limits(name, mode):
     before = merge_nodes("common", mode, "rpp")
     outline = {(x, y) for x, y in chassis.footprint_m}
     scale = chassis.circumscribed_m / ROBOTS["jackal"].chassis.circumscribed_m
-    for costmap in ("local_costmap", "global_costmap"):
+    for costmap in COSTMAPS:
         footprint = ast.literal_eval(nodes[costmap]["footprint"])
         assert {tuple(corner) for corner in footprint} == outline
         assert outline or nodes[costmap]["robot_radius"] == chassis.footprint_radius_m
@@ -159,9 +173,7 @@ def test_another_robot_has_its_own_size_and_limits(name, mode):
     assert smoother["max_velocity"][2] <= drive.max_yaw_rate_rad_s
     assert smoother["max_accel"][0] == drive.max_acceleration_m_s2
     assert smoother["max_accel"][2] <= drive.max_yaw_acceleration_rad_s2
-    layer = nodes["local_costmap"]["inflation_layer"]
-    assert follow["inflation_cost_scaling_factor"] == layer["cost_scaling_factor"]
-    assert follow["cost_scaling_dist"] <= layer["inflation_radius"]
+    check_inflation(nodes)
 
 
 @pytest.mark.parametrize(
@@ -176,18 +188,8 @@ def test_goals_lie_within_the_global_costmap(mode, goal_m):
 
 def test_speeds_are_those_of_the_paper(nodes):
     follow = nodes["controller_server"]["FollowPath"]
-    speed = next(
-        follow[key]
-        for key in ("max_vel_x", "vx_max", "v_linear_max", "desired_linear_vel")
-        if key in follow
-    )
-    turns = (
-        "max_vel_theta",
-        "wz_max",
-        "v_angular_max",
-        "rotate_to_heading_angular_vel",
-    )
-    turn = next(follow[key] for key in turns if key in follow)
+    speed = value_of(follow, SPEED_KEYS)
+    turn = value_of(follow, TURN_KEYS)
     assert speed == SPEED_MPS == nodes["velocity_smoother"]["max_velocity"][0]
     assert turn <= TURN_RADPS == nodes["velocity_smoother"]["max_velocity"][2]
     assert PRESETS["default"].drive.max_speed_m_s >= speed
@@ -196,15 +198,13 @@ def test_speeds_are_those_of_the_paper(nodes):
         "controller_frequency"
     ] == pytest.approx(1.0)
     if "inflation_cost_scaling_factor" in follow:
-        layer = nodes["local_costmap"]["inflation_layer"]
-        assert follow["inflation_cost_scaling_factor"] == layer["cost_scaling_factor"]
-        assert follow["cost_scaling_dist"] <= layer["inflation_radius"]
+        check_inflation(nodes)
 
 
 def test_commands_pass_from_server_to_server_to_cmd_vel(nodes):
     servers = constant(FOLDER / "nav2.launch.py", "SERVERS")
     remapped = {name: remappings.get("cmd_vel") for _, name, remappings in servers}
-    assert set(nodes) - {"mode", "local_costmap", "global_costmap"} == set(remapped)
+    assert set(nodes) - {"mode", *COSTMAPS} == set(remapped)
     # the smoother hears what the controller and the behaviors send, the monitor what
     # the smoother sends
     assert (
@@ -226,9 +226,7 @@ def test_a_nav2_that_works_is_not_taken_for_a_stalled_one(nodes):
 
 
 def test_a_nav2_that_has_given_up_may_stand_until_the_end():
-    commands = re.findall(
-        r"barn run .*nav2\.launch\.py.*", (FOLDER / "README.md").read_text("utf-8")
-    )
+    commands = re.findall(r"barn run .*nav2\.launch\.py.*", README)
     assert len(commands) == 3
     for command in commands:
         assert float(re.search(r"patience\.command_s=(\d+)", command)[1]) > max(
@@ -264,7 +262,6 @@ def test_the_workflow_for_a_pull_request_calls_what_exists():
 
 @pytest.mark.parametrize("name", ["controllers", "fast"])
 def test_a_campaign_declares_the_speed_each_controller_keeps(name):
-    speeds = ("max_vel_x", "vx_max", "v_linear_max", "desired_linear_vel")
     text = (FOLDER / f"lockstep/{name}.yaml").read_text()
     for planner in yaml.safe_load(text)["planners"]:
         files = [
@@ -281,14 +278,12 @@ def test_a_campaign_declares_the_speed_each_controller_keeps(name):
                 r"FollowPath\.(\w+):=([\d.]+)", planner["command"]
             )
         }
-        speed = next(follow[key] for key in speeds if key in follow)
+        speed = value_of(follow, SPEED_KEYS)
         assert 0.99 <= speed / planner["max_speed_mps"] <= 1.0
 
 
 def test_the_documented_protocols_of_nav2_send_the_goal_once():
-    protocols = set(
-        re.findall(r"--protocol (\w+)", (FOLDER / "README.md").read_text("utf-8"))
-    )
+    protocols = set(re.findall(r"--protocol (\w+)", README))
     assert protocols == {"challenge", "known_map"}
     assert {PROTOCOLS[name].goal_period_s for name in protocols} == {0.0}
     assert {name: PROTOCOLS[name].map_given for name in protocols} == {

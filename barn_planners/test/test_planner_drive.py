@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+import yaml
 
 from barn_planners.interface import PlannerStatus, Task
 from barn_planners.navigation.progress import ProgressCheck
@@ -24,13 +25,15 @@ def planner_of(name, preset="challenge", **changes):
     return make_planner(name, preset, small | changes)
 
 
+STRAIGHT = """
+- [dwa, paper2020, 14.0, 0.157, 0.15]
+- [dwa, challenge, 14.0, 0.157, 0.15]
+- [mppi, challenge, 15.0, 0.25, 0.2]
+"""
+
+
 @pytest.mark.parametrize(
-    "name, preset, limit_s, off_rad, off_m",
-    [
-        ("dwa", "paper2020", 14.0, 0.157, 0.15),
-        ("dwa", "challenge", 14.0, 0.157, 0.15),
-        ("mppi", "challenge", 15.0, 0.25, 0.2),
-    ],
+    "name, preset, limit_s, off_rad, off_m", yaml.safe_load(STRAIGHT)
 )
 def test_a_straight_corridor_is_driven_straight_and_fast(
     flat_world, name, preset, limit_s, off_rad, off_m
@@ -45,15 +48,15 @@ def test_a_straight_corridor_is_driven_straight_and_fast(
 
 
 # In gaps under about 1.06 m the costs as configured make a robot without slip or delay turn on the spot for ever.
-@pytest.mark.parametrize(
-    "name, preset, half_width, clear_m",
-    [
-        ("dwa", "paper2020", 1.2, 0.19),
-        ("dwa", "challenge", 1.6, 0.19),
-        ("eband", "challenge", 1.6, 0.2),
-        ("mppi", "challenge", 1.2, 0.2),
-    ],
-)
+SLALOM = """
+- [dwa, paper2020, 1.2, 0.19]
+- [dwa, challenge, 1.6, 0.19]
+- [eband, challenge, 1.6, 0.2]
+- [mppi, challenge, 1.2, 0.2]
+"""
+
+
+@pytest.mark.parametrize("name, preset, half_width, clear_m", yaml.safe_load(SLALOM))
 def test_a_slalom_is_driven_without_touching(
     flat_world, name, preset, half_width, clear_m
 ):

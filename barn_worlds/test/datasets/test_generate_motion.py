@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+import yaml
 
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.datasets.dataset import open_dataset
@@ -128,18 +129,15 @@ def test_obstacles_move_within_the_map_that_gets_them(add_obstacles):
     assert below <= keys[:, 2].min() <= keys[:, 2].max() <= above
 
 
-@pytest.mark.parametrize(
-    "changes, message",
-    [
-        ({"obstacles_min": 20}, "obstacles_min must be at most obstacles_max, got 20"),
-        ({"order_min": 3}, "order_min must be at most order_max, got 3"),
-        (
-            {"speed_min_mps": 2.0},
-            "speed_min_mps must be at most speed_max_mps, got 2.0",
-        ),
-        ({"profiles": 10}, "obstacles_max must be at most profiles = 10, got 14"),
-    ],
-)
+WRONG = """
+- [{obstacles_min: 20}, "obstacles_min must be at most obstacles_max, got 20"]
+- [{order_min: 3}, "order_min must be at most order_max, got 3"]
+- [{speed_min_mps: 2.0}, "speed_min_mps must be at most speed_max_mps, got 2.0"]
+- [{profiles: 10}, "obstacles_max must be at most profiles = 10, got 14"]
+"""
+
+
+@pytest.mark.parametrize("changes, message", yaml.safe_load(WRONG))
 def test_wrong_parameters_are_one_clear_line(changes, message, refused):
     with refused(ConfigError, f"^{message}"):
         MotionParameters(**changes)

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 import pytest
+import yaml
 
 rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
@@ -149,14 +150,14 @@ def test_a_number_serves_where_a_text_is_wanted(context, value, text):
     assert read_parameters(node, Selection()) == Selection(text)
 
 
-@pytest.mark.parametrize(
-    "overrides, message",
-    [
-        ({"worlds": True}, "worlds must be whole numbers or text, .*, got True"),
-        ({"worlds": [0.5, 5.0]}, r"worlds must be whole .*, got \[0\.5, 5\.0\]"),
-        ({"frame": [1, 2]}, r"frame must be text, got \[1, 2\]"),
-    ],
-)
+WRONG_TYPES = r"""
+- [{worlds: true}, 'worlds must be whole numbers or text, .*, got True']
+- [{worlds: [0.5, 5.0]}, 'worlds must be whole .*, got \[0\.5, 5\.0\]']
+- [{frame: [1, 2]}, 'frame must be text, got \[1, 2\]']
+"""
+
+
+@pytest.mark.parametrize("overrides, message", yaml.safe_load(WRONG_TYPES))
 def test_a_flag_or_a_list_is_no_text(context, overrides, message, refused):
     with refused(ConfigError, message):
         declare_parameters(make(context, **overrides), Selection())

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from waiting import run_python
 
 gymnasium = pytest.importorskip("gymnasium")
@@ -87,17 +88,17 @@ def test_a_batch_takes_harder_worlds_with_success():
     batch.close()
 
 
-@pytest.mark.parametrize(
-    "name, settings",
-    [
-        ("PPO", {}),
-        ("PPO", {"policy_kwargs": {"net_arch": [16, 16, 16]}}),
-        ("PPO", {"policy_kwargs": {"net_arch": []}}),
-        ("A2C", {}),
-        ("SAC", {"buffer_size": 10, "policy_kwargs": {"net_arch": [16, 16]}}),
-        ("TD3", {"buffer_size": 10, "policy_kwargs": {"net_arch": [16, 16]}}),
-    ],
-)
+ALGORITHMS = """
+- [PPO, {}]
+- [PPO, {policy_kwargs: {net_arch: [16, 16, 16]}}]
+- [PPO, {policy_kwargs: {net_arch: []}}]
+- [A2C, {}]
+- [SAC, {buffer_size: 10, policy_kwargs: {net_arch: [16, 16]}}]
+- [TD3, {buffer_size: 10, policy_kwargs: {net_arch: [16, 16]}}]
+"""
+
+
+@pytest.mark.parametrize("name, settings", yaml.safe_load(ALGORITHMS))
 def test_the_file_answers_as_the_model(vectorised, tmp_path, name, settings):
     model = getattr(algorithms, name)(
         "MlpPolicy", vectorised, seed=1, device="cpu", **settings
