@@ -137,7 +137,7 @@ def path_clearance(grid: BoolGrid, path: Cells, resolution_m: float) -> Floats:
 def heading_changes(path: Cells) -> Floats:
     """Return turns (n - 2,) in rad at a path's inner cells, + toward higher rows."""
     steps = np.diff(path, axis=0)
-    headings = np.arctan2(steps[:, 0], steps[:, 1])
+    headings: Floats = np.arctan2(*steps.T)
     # From -pi to pi.
     return (np.diff(headings) + math.pi) % (2.0 * math.pi) - math.pi
 
@@ -174,8 +174,7 @@ def widest_gap_m(grid: BoolGrid, resolution_m: float) -> float:
         resolution_m: Size of a cell, and diameter of a cylinder.
     """
     # Hollow cells cannot be at the edge of a gap.
-    cells = np.argwhere(grid & ~hollow_cells(grid))
-    centers = cells.astype(np.float64)
+    centers = np.argwhere(grid & ~hollow_cells(grid)).astype(np.float64)
     return _widest_disc(centers, float(len(grid))) * resolution_m
 
 

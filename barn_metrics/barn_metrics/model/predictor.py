@@ -136,8 +136,7 @@ def _convolve(values: Floats, weights: Floats, dilation: int) -> Floats:
     response: Floats = np.zeros((*values.shape[:2], weights.shape[2]))
     for number, tap in enumerate(weights):
         start = number * dilation
-        shifted = padded[:, start : start + length]
-        response += shifted @ tap
+        response += padded[:, start : start + length] @ tap
     return response
 
 

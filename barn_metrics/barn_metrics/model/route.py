@@ -225,7 +225,7 @@ def route_strip(clearance: ClearanceMap, route: Route) -> Floats:
     """
     points = route.points[:SAMPLES]
     direction = np.gradient(points, axis=0)
-    heading = np.unwrap(np.arctan2(direction[:, 0], direction[:, 1]))
+    heading = np.unwrap(np.arctan2(*direction.T))
     right = np.stack([np.cos(heading), -np.sin(heading)])
     offsets = right[:, :, None] * (_ACROSS_M / clearance.cell_m)
     across = map_coordinates(

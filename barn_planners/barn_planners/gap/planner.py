@@ -207,7 +207,7 @@ class GapPlanner(ScanPlanner):
         # The nearer an obstacle, the more the center of the gap counts.
         closest_m = math.inf
         if len(points):
-            closest_m = float(np.hypot(points[:, 0], points[:, 1]).min())
+            closest_m = float(np.hypot(*points.T).min())
         weight = self.config.gap_weight_m / max(closest_m, 1e-3)
         center = 0.5 * (first[gap] + last[gap])
         return float((weight * center + nearest[gap]) / (weight + 1.0))
@@ -231,8 +231,7 @@ class GapPlanner(ScanPlanner):
             corner_m = config.turning_radius_m or math.hypot(
                 config.half_length_m, config.half_width_m
             )
-            distances_m = np.hypot(points[:, 0], points[:, 1])
-            if bool((distances_m < corner_m + config.margin_m).any()):
+            if (np.hypot(*points.T) < corner_m + config.margin_m).any():
                 return Decision(
                     STOP,
                     PlannerStatus.BLOCKED,

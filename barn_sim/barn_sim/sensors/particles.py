@@ -141,8 +141,7 @@ class ParticleLocalization:
         heading = self._particles[:, 2] + turn
         heading -= turn_spread * errors[0]
         step = length - length_spread * errors[1]
-        direction = unit_vectors(heading)
-        self._particles[:, :2] += step[:, None] * direction
+        self._particles[:, :2] += step[:, None] * unit_vectors(heading)
         self._particles[:, 2] = heading + final_turn - final_spread * errors[2]
 
     def _weights(self, scan: Scan) -> Floats:

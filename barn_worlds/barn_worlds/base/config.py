@@ -270,8 +270,8 @@ def read_selection(worlds: Any, kind: type[Exception]) -> str:
     is_list = isinstance(worlds, Iterable) and not isinstance(worlds, Mapping)
     numbers = list(worlds) if is_list else [worlds]
     for number in numbers:
-        is_number = isinstance(number, Integral) and not isinstance(number, bool)
-        if not is_number and not isinstance(number, str):
+        # In Python a bool is an int.
+        if isinstance(number, bool) or not isinstance(number, (Integral, str)):
             numbers = []
     if not numbers:
         raise kind(
@@ -418,8 +418,7 @@ def _read_tuple(
             values.append(converter.structure(item, item_kind))
         except Exception as error:
             note = IterableValidationNote("", index, item_kind)
-            notes = [*getattr(error, "__notes__", ()), note]
-            error.__dict__["__notes__"] = notes
+            error.__dict__["__notes__"] = [*getattr(error, "__notes__", ()), note]
             raise IterableValidationError("", [error], kind) from None
     return tuple(values)
 

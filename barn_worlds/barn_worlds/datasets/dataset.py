@@ -276,8 +276,7 @@ def _open_folder(path: Path, robot: Robot) -> Dataset:
 
 def _open_worlds(name: str, files: Sequence[Path], robot: Robot) -> Dataset:
     """Return a data set, a world per route if map files name any, else per file."""
-    in_names = map(single.number_in, files)
-    numbers = [number for number in in_names if number is not None]
+    numbers = [number for number in map(single.number_in, files) if number is not None]
     if len(set(numbers)) < len(files):
         numbers = list(range(len(files)))
     readers: dict[int, Callable[[], World]] = {}

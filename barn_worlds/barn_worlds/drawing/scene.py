@@ -232,11 +232,6 @@ def draw_arrow(
     if length <= 1e-6:
         return
     # Only the head is visible, because it is longer than the shaft of 1 cm.
-    tip = (position + direction / length * 0.01).tolist()
+    tip = position + direction / length * 0.01
     arrow = {"arrowstyle": "-|>", "color": MOVER, "shrinkA": 0.0, "shrinkB": 0.0}
-    axes.annotate(
-        "",
-        (tip[0], tip[1]),
-        (float(position[0]), float(position[1])),
-        arrowprops=arrow | style,
-    )
+    axes.annotate("", tuple(tip), tuple(position), arrowprops=arrow | style)

@@ -50,9 +50,9 @@ def write_sdf(
         content = gzip.compress(content, mtime=0)
     write_bytes(path, content)
     if flavor == "gz":
-        meshes = {mesh_name(obstacle): obstacle for obstacle in world.moving}
-        for name, obstacle in meshes.items():
-            write_bytes(path.parent / name, obj_mesh(obstacle).encode())
+        for obstacle in world.moving:
+            mesh_file = path.parent / mesh_name(obstacle)
+            write_bytes(mesh_file, obj_mesh(obstacle).encode())
 
 
 def sdf_text(world: World, flavor: str = "classic", *, movable: bool = False) -> str:

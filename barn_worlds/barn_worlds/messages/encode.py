@@ -85,8 +85,7 @@ class Encoder(Generic[T]):
 
     def row(self, content: T, stamp_ns: int) -> tuple[Any, ...]:
         """Return stamp (s, ns) and a content's values, in the order of `layout`."""
-        stamp = divmod(stamp_ns, NANOSECONDS_PER_SECOND)
-        return (*stamp, *self._values(content))
+        return (*divmod(stamp_ns, NANOSECONDS_PER_SECOND), *self._values(content))
 
 
 class OdometryEncoder(Encoder[Odometry]):

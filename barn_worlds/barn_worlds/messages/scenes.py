@@ -82,10 +82,9 @@ def encode_scene(scene: TrialScene, stamp_ns: int) -> bytes:
         _add_points(path, _PATH_WIDTH_M, scene.path_m)
         markers.append(path)
 
-    goal_size_m = 2.0 * scene.goal_distance_m
     for name, kind, pose, size_m in (
         (_START, SPHERE, scene.start, _START_SIZE_M),
-        (_GOAL, CYLINDER, scene.goal, goal_size_m),
+        (_GOAL, CYLINDER, scene.goal, 2.0 * scene.goal_distance_m),
     ):
         if pose is not None:
             disc = _make_marker(_STATIC_COLORS, name, kind, stamp_ns)

@@ -73,8 +73,7 @@ def plan_path(
 
 def choose_middle(rows: Integers) -> int:
     """Return the index of the one of `rows` (n,) nearest their mean, first of two."""
-    distances = np.abs(rows - rows.mean())
-    return int(distances.argmin())
+    return int(np.abs(rows - rows.mean()).argmin())
 
 
 def plan_through(

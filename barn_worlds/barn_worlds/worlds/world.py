@@ -92,8 +92,7 @@ class World:
 
         # The class is frozen: this is how it replaces the arrays by read-only copies.
         object.__setattr__(self, "grid", validate_grid(self.grid, self.name))
-        path = validate_path(self.path, self.grid, self.name)
-        object.__setattr__(self, "path", path)
+        object.__setattr__(self, "path", validate_path(self.path, self.grid, self.name))
 
         side = self.footprint_cells
         limit = 2 * LARGEST_SIDE
