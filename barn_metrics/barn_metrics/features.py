@@ -150,16 +150,15 @@ def sharpest_turn(turning: Floats, lengths: Floats, window_m: float) -> float:
         lengths: Lengths (n - 1,) in m of its steps.
         window_m: Length of the window.
     """
-    if len(turning) == 0:
-        return 0.0
     places_m = np.cumsum(lengths[:-1])
     headings = np.append(0.0, np.cumsum(turning))
     # The tolerance keeps a cell at the very end of a window in it.
     ends = np.searchsorted(places_m, places_m + window_m + 1e-9, side="right")
-    return max(
+    turns_rad = (
         float(np.abs(headings[first + 1 : end + 1] - headings[first]).max())
         for first, end in enumerate(ends)
     )
+    return max(turns_rad, default=0.0)
 
 
 def widest_gap_m(grid: BoolGrid, resolution_m: float) -> float:

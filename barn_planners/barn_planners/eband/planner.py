@@ -89,10 +89,7 @@ class ElasticBand:
         If only the forces fail, the band is refined; else it stays as it was.
         """
         count, trial_count = forces.optimize(
-            self._band,
-            self._trial,
-            self._count,
-            self._context(costmap),
+            self._band, self._trial, self._count, self._context(costmap)
         )
         if count >= 0:
             self._count = count

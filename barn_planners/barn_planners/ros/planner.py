@@ -256,8 +256,9 @@ class PlannerNode(Node):
             return
         self._read_seed()
         if self._runtime.set_goal(goal):
-            pose = f"({goal.x:.3f}, {goal.y:.3f}, {goal.yaw:.3f})"
-            self.get_logger().info(f"new goal {pose}")
+            self.get_logger().info(
+                f"new goal ({goal.x:.3f}, {goal.y:.3f}, {goal.yaw:.3f})"
+            )
 
     def _on_map(self, occupancy: OccupancyMap) -> None:
         """Set the map, which may start a task."""

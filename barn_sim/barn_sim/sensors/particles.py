@@ -185,8 +185,7 @@ class ParticleLocalization:
         particles = self._particles[np.minimum(indices, len(weights) - 1)]
 
         # The average depends on the number of particles, as in amcl.
-        average = float(sums[-1]) / len(weights) ** 2
-        share = self._random_share(average)
+        share = self._random_share(float(sums[-1]) / len(weights) ** 2)
         if share > 0.0:
             is_random = self._rng.random(count) < share
             particles[is_random] = self._random_poses(int(is_random.sum()))

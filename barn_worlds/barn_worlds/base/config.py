@@ -164,8 +164,9 @@ class Checked:
             ConfigError: If the rule does not hold.
         """
         if not holds:
-            value = attrgetter(name)(self)
-            raise ConfigError(f"{name} {rule}, got {format_value(value)}")
+            raise ConfigError(
+                f"{name} {rule}, got {format_value(attrgetter(name)(self))}"
+            )
 
 
 def fields_of(config: Any) -> Iterator[tuple[str, Quantity, Any]]:
@@ -231,8 +232,10 @@ def replace_dotted(config: T, changes: Mapping[str, Any], where: str) -> T:
     # changes `content`.
     for name, value in _flatten(values, changes):
         if name not in values:
-            hint = suggest(name, values)
-            raise ConfigError(f"{where}: unknown parameter {format_value(name)}{hint}")
+            raise ConfigError(
+                f"{where}: unknown parameter {format_value(name)}"
+                f"{suggest(name, values)}"
+            )
         parent, _, key = name.rpartition(".")
         mapping = values[parent] if parent else content
         mapping[key] = value
@@ -488,9 +491,9 @@ def _check(name: str, declaration: Quantity, value: object) -> None:
     limits = declaration.describe_limits()
     for item in items:
         if choices and item not in choices:
-            hint = suggest_similar(item, choices)
             raise ConfigError(
-                f"{name} must be {limits}, got {format_value(item)}{hint}"
+                f"{name} must be {limits}, got {format_value(item)}"
+                f"{suggest_similar(item, choices)}"
             )
         # In Python a bool is an int, but limits are for numbers.
         if isinstance(item, bool) or not isinstance(item, (int, float)):

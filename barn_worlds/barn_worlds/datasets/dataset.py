@@ -226,10 +226,9 @@ def open_dataset(source: str | Path, robot: Robot = STANDARD_ROBOT) -> Dataset:
             single.require_ending(path)
             dataset = _open_worlds(path.name, [path], robot)
         else:
-            hint = suggest(str(source), dataset_files())
             raise WorldError(
                 f"{str(source)[:_MAX_QUOTED_CHARACTERS]}: no such file, folder or data "
-                f"set{hint}"
+                f"set{suggest(str(source), dataset_files())}"
             )
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error

@@ -113,8 +113,9 @@ MOTION_CLASSES = read_presets("barn_worlds", "motion_classes.yaml", MotionParame
 def motion_class(name: str) -> MotionParameters:
     """Return the parameters of a motion class by name; ConfigError if there is none."""
     if name not in MOTION_CLASSES:
-        hint = suggest(name, MOTION_CLASSES)
-        raise ConfigError(f"unknown motion class {name!r:.60}{hint}")
+        raise ConfigError(
+            f"unknown motion class {name!r:.60}{suggest(name, MOTION_CLASSES)}"
+        )
     return MOTION_CLASSES[name]
 
 
@@ -341,8 +342,7 @@ def _polynomial_points(
         points: Points = np.concatenate([np.stack([x, y], axis=1), random_points])
         points = points[np.argsort(points[:, 0], kind="stable")]
         points = points[np.append(True, side_lengths(points) > _CLOSEST_POINTS_M)]
-        length_m = side_lengths(points).sum()
-        if len(points) > 1 and length_m >= _SHORTEST_PROFILE_M:
+        if len(points) > 1 and side_lengths(points).sum() >= _SHORTEST_PROFILE_M:
             return points
 
     raise WorldError(

@@ -189,8 +189,7 @@ class CoursePlan:
         frame = np.concatenate([(_MARGIN_M, _MARGIN_M), area_m])
         left, bottom, width, height = (frame / np.tile(paper_m, 2)).tolist()
         centers_m = self.world.cylinders_m
-        for place in range(across * down):
-            row, column = divmod(place, across)
+        for row, column in np.ndindex(down, across):
             corner = low + step_m * (column, down - 1 - row)
             inside = (centers_m > corner) & (centers_m < corner + area_m * scale)
             figure = self._page(

@@ -42,13 +42,16 @@ def draw_discs(axes: Axes, centers_m: Points, radius_m: float, **style: Any) -> 
         style: Properties of matplotlib's collection.
     """
     sizes = np.full(len(centers_m), 2.0 * radius_m)
-    offsets: Any = {
-        "units": "xy",
-        "offsets": centers_m,
-        "offset_transform": axes.transData,
-    }
-    angles = np.zeros(len(sizes))
-    axes.add_collection(EllipseCollection(sizes, sizes, angles, **offsets, **style))
+    discs = EllipseCollection(
+        sizes,
+        sizes,
+        np.zeros(len(sizes)),
+        units="xy",
+        offsets=centers_m,
+        offset_transform=axes.transData,
+        **style,
+    )
+    axes.add_collection(discs)
 
 
 def draw_scene(axes: Axes, scene: TrialScene, *, faint: bool = False) -> None:

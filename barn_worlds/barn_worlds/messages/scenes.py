@@ -176,8 +176,7 @@ def encode_moving_poses(world: World, time_s: float, stamp_ns: int) -> bytes:
     """
     positions, _ = world.tracks.at(time_s)
     message = make_message(
-        MOVING_POSES.type_name,
-        header=make_header(FRAMES.of(MOVING_POSES), stamp_ns),
+        MOVING_POSES.type_name, header=make_header(FRAMES.of(MOVING_POSES), stamp_ns)
     )
     yaws = world.tracks.yaw_rad.tolist()
     for (x, y), yaw in zip(positions.tolist(), yaws, strict=True):

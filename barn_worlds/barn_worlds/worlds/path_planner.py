@@ -98,8 +98,7 @@ def plan_through(
     ends = []
     for column in (0, cspace.shape[1] - 1):
         rows = np.flatnonzero(region[:, column])
-        place = choose(rows)
-        ends.append((int(rows[place]), column))
+        ends.append((int(rows[choose(rows)]), column))
     return plan_path(cspace, *ends)
 
 

@@ -269,17 +269,17 @@ class World:
 
     def resize(self, scale: float) -> "World":
         """Return an arena with cells, corner and ends scaled; not walls or movers."""
-        poses = [
+        start, goal = (
             pose and Pose2D(scale * pose.x, scale * pose.y, pose.yaw)
             for pose in (self.start, self.goal)
-        ]
+        )
         x_m, y_m = self.corner_m or (0.0, 0.0)
         return replace(
             self,
             resolution_m=scale * self.resolution_m,
             corner_m=(scale * x_m, scale * y_m),
-            start=poses[0],
-            goal=poses[1],
+            start=start,
+            goal=goal,
         )
 
     @property
