@@ -137,7 +137,7 @@ def path_clearance(grid: BoolGrid, path: Cells, resolution_m: float) -> Floats:
 def heading_changes(path: Cells) -> Floats:
     """Return turns (n - 2,) in rad at a path's inner cells, + toward higher rows."""
     steps = np.diff(path, axis=0)
-    headings = np.arctan2(steps[:, 0], steps[:, 1])
+    headings: Floats = np.arctan2(*steps.T)
     # From -pi to pi.
     return (np.diff(headings) + math.pi) % (2.0 * math.pi) - math.pi
 
@@ -150,16 +150,15 @@ def sharpest_turn(turning: Floats, lengths: Floats, window_m: float) -> float:
         lengths: Lengths (n - 1,) in m of its steps.
         window_m: Length of the window.
     """
-    if len(turning) == 0:
-        return 0.0
     places_m = np.cumsum(lengths[:-1])
     headings = np.append(0.0, np.cumsum(turning))
     # The tolerance keeps a cell at the very end of a window in it.
     ends = np.searchsorted(places_m, places_m + window_m + 1e-9, side="right")
-    return max(
+    turns_rad = (
         float(np.abs(headings[first + 1 : end + 1] - headings[first]).max())
         for first, end in enumerate(ends)
     )
+    return max(turns_rad, default=0.0)
 
 
 def widest_gap_m(grid: BoolGrid, resolution_m: float) -> float:
@@ -174,8 +173,7 @@ def widest_gap_m(grid: BoolGrid, resolution_m: float) -> float:
         resolution_m: Size of a cell, and diameter of a cylinder.
     """
     # Hollow cells cannot be at the edge of a gap.
-    cells = np.argwhere(grid & ~hollow_cells(grid))
-    centers = cells.astype(np.float64)
+    centers = np.argwhere(grid & ~hollow_cells(grid)).astype(np.float64)
     return _widest_disc(centers, float(len(grid))) * resolution_m
 
 

@@ -227,8 +227,7 @@ def metric_maps(
     """
     maps = np.full((len(CELL_METRICS), *cspace.shape), np.nan)
     # Metrics of occupied cells are undefined.
-    free = np.argwhere(~cspace)
-    maps[:, ~cspace] = cell_metrics(cspace, free, formula).T
+    maps[:, ~cspace] = cell_metrics(cspace, np.argwhere(~cspace), formula).T
     names = [metric.name for metric in CELL_METRICS]
     return dict(zip(names, maps, strict=True))
 

@@ -100,8 +100,9 @@ def planner_entry(name: str) -> PlannerEntry:
     # Built-in planners win, so that no package can pose as one of them.
     point = _BUILT_IN.get(name) or next(same_name, None)
     if point is None:
-        hint = suggest(name, planner_names())
-        raise ConfigError(f"unknown planner {format_value(name)}{hint}")
+        raise ConfigError(
+            f"unknown planner {format_value(name)}{suggest(name, planner_names())}"
+        )
 
     try:
         entry = point.load()
@@ -141,9 +142,9 @@ def planner_config(
     if list(available) == [ANY_PROTOCOL]:
         preset = ANY_PROTOCOL
     if preset not in available:
-        hint = suggest(preset, available)
         raise ConfigError(
-            f"planner {name!r}: unknown preset {format_value(preset)}{hint}"
+            f"planner {name!r}: unknown preset {format_value(preset)}"
+            f"{suggest(preset, available)}"
         )
     return replace_dotted(available[preset], overrides or {}, f"planner {name!r}")
 

@@ -209,7 +209,11 @@ def _fit_costmap(
         "footprint_half_length_m": half_x,
         "footprint_half_width_m": half_y,
     }
-    if not _is_centered_rectangle(corners):
+    # Half sizes are enough for a rectangle along the axes that is centered on 0.
+    is_rectangle = len(corners) == 4 and all(
+        abs(abs(x) - half_x) < 1e-9 and abs(abs(y) - half_y) < 1e-9 for x, y in corners
+    )
+    if not is_rectangle:
         changes["footprint"] = format_footprint(corners)
 
     padding_m = scale * costmap.footprint_padding_m
@@ -261,11 +265,3 @@ def _fit_body(config: Checked, robot: Robot) -> dict[str, float]:
 def _half_sizes(corners: Sequence[Corner]) -> tuple[float, float]:
     """Return half length and width of the rectangle about 0 that covers all corners."""
     return max(abs(x) for x, _ in corners), max(abs(y) for _, y in corners)
-
-
-def _is_centered_rectangle(corners: Sequence[Corner]) -> bool:
-    """Return whether corners form a rectangle along the axes, centered on 0."""
-    half_x, half_y = _half_sizes(corners)
-    return len(corners) == 4 and all(
-        abs(abs(x) - half_x) < 1e-9 and abs(abs(y) - half_y) < 1e-9 for x, y in corners
-    )

@@ -136,8 +136,7 @@ def _convolve(values: Floats, weights: Floats, dilation: int) -> Floats:
     response: Floats = np.zeros((*values.shape[:2], weights.shape[2]))
     for number, tap in enumerate(weights):
         start = number * dilation
-        shifted = padded[:, start : start + length]
-        response += shifted @ tap
+        response += padded[:, start : start + length] @ tap
     return response
 
 
@@ -201,8 +200,7 @@ class DifficultyModel:
         outputs, difficulty, spread = self.evaluate(inputs)
         # The networks' disagreement and the error of all of them are independent.
         std = np.hypot(spread, self.relative_std * difficulty)
-        count = len(self.planners)
-        times = np.maximum(outputs[:, :count], _QUICKEST_S_PER_M)
+        times = np.maximum(outputs[:, : len(self.planners)], _QUICKEST_S_PER_M)
         return [
             Prediction(
                 difficulty_s_per_m=float(difficulty[row]),

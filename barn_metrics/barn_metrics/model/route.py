@@ -131,8 +131,7 @@ def cheapest_route(clearance: ClearanceMap, cost_per_m: Floats) -> Route:
         cost_per_m: Cost per meter of each cell (rows, cols), at least 1.
     """
     cost, cells = _search(cost_per_m, *clearance.start, *clearance.goal)
-    steps_m = side_lengths(cells) * clearance.cell_m
-    places_m = np.append(0.0, np.cumsum(steps_m))
+    places_m = np.append(0.0, np.cumsum(side_lengths(cells) * clearance.cell_m))
     length_m = float(places_m[-1])
 
     count = max(int(length_m / _SAMPLE_M), _SMOOTHING) + 1
@@ -225,7 +224,7 @@ def route_strip(clearance: ClearanceMap, route: Route) -> Floats:
     """
     points = route.points[:SAMPLES]
     direction = np.gradient(points, axis=0)
-    heading = np.unwrap(np.arctan2(direction[:, 0], direction[:, 1]))
+    heading = np.unwrap(np.arctan2(*direction.T))
     right = np.stack([np.cos(heading), -np.sin(heading)])
     offsets = right[:, :, None] * (_ACROSS_M / clearance.cell_m)
     across = map_coordinates(

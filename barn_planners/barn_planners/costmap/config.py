@@ -72,17 +72,14 @@ class CostmapConfig(Checked):
         1, "cells that the robot moves before the grid is recentered", "", 1, 1000
     )
     as_costmap_2d: bool = optional(
-        False,
-        "true: rays, footprint and window follow costmap_2d exactly (a quirk)",
+        False, "true: rays, footprint and window follow costmap_2d exactly (a quirk)"
     )
     inflates_by_front: bool = optional(
         False,
         "true: a cell's cost comes from the wavefront that arrives first (a slow quirk)",
     )
     footprint: str = optional(
-        "",
-        "convex outline [[x, y], ...] instead of the half sizes",
-        "m",
+        "", "convex outline [[x, y], ...] instead of the half sizes", "m"
     )
     clockwise_outline: bool = optional(
         False, "true: the footprint is drawn clockwise (a quirk)"

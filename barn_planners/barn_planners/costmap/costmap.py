@@ -132,8 +132,7 @@ class Costmap:
             pose.yaw + lidar.yaw,
         )
         # Kernels turn coordinates into indices, which NaN has none of.
-        numbers = (*sensor, scan.angle_min, scan.angle_increment)
-        if not all(map(math.isfinite, numbers)):
+        if not all(map(math.isfinite, (*sensor, scan.angle_min, scan.angle_increment))):
             return
 
         # costmap_2d turns points instead of beams.

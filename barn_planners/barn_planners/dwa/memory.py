@@ -36,8 +36,7 @@ class GoalTurn:
             pose: Pose of the robot.
             goal: Goal in the same frame.
         """
-        turn = wrap_angle(goal.yaw - pose.yaw)
-        return abs(turn) <= self._config.yaw_tolerance_rad
+        return abs(wrap_angle(goal.yaw - pose.yaw)) <= self._config.yaw_tolerance_rad
 
     def control(
         self, inputs: ControlInput, goal: Pose2D, allows: Callable[[Velocity2D], bool]

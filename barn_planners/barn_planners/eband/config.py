@@ -92,8 +92,7 @@ class EBandConfig(Checked):
         False, "clear the marks once if a new plan is in collision (a quirk)"
     )
     headings: bool = optional(
-        False,
-        "true: bubbles have headings, which count in forces (a quirk)",
+        False, "true: bubbles have headings, which count in forces (a quirk)"
     )
     weighs_x_twice: bool = optional(
         False, "compute a force's strength from x twice, never y (a quirk)"

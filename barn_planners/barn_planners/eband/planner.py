@@ -81,8 +81,7 @@ class ElasticBand:
         if len(poses) > len(self._trial):
             return kernels.REASONS[kernels.FULL]
 
-        context = self._context(costmap)
-        return self._adopt(forces.from_plan(self._trial, poses, context))
+        return self._adopt(forces.from_plan(self._trial, poses, self._context(costmap)))
 
     def optimize(self, costmap: Costmap) -> str:
         """Renew and relax the band; return why that fails, else an empty string.
@@ -90,10 +89,7 @@ class ElasticBand:
         If only the forces fail, the band is refined; else it stays as it was.
         """
         count, trial_count = forces.optimize(
-            self._band,
-            self._trial,
-            self._count,
-            self._context(costmap),
+            self._band, self._trial, self._count, self._context(costmap)
         )
         if count >= 0:
             self._count = count

@@ -205,9 +205,7 @@ class GapPlanner(ScanPlanner):
         gap = int(np.argmin(np.abs(nearest - goal_bearing)))
 
         # The nearer an obstacle, the more the center of the gap counts.
-        closest_m = math.inf
-        if len(points):
-            closest_m = float(np.hypot(points[:, 0], points[:, 1]).min())
+        closest_m = float(np.hypot(*points.T).min(initial=math.inf))
         weight = self.config.gap_weight_m / max(closest_m, 1e-3)
         center = 0.5 * (first[gap] + last[gap])
         return float((weight * center + nearest[gap]) / (weight + 1.0))
@@ -231,8 +229,7 @@ class GapPlanner(ScanPlanner):
             corner_m = config.turning_radius_m or math.hypot(
                 config.half_length_m, config.half_width_m
             )
-            distances_m = np.hypot(points[:, 0], points[:, 1])
-            if bool((distances_m < corner_m + config.margin_m).any()):
+            if (np.hypot(*points.T) < corner_m + config.margin_m).any():
                 return Decision(
                     STOP,
                     PlannerStatus.BLOCKED,
@@ -258,7 +255,7 @@ class GapPlanner(ScanPlanner):
         half_corridor_m = config.half_width_m + config.margin_m
         is_in_corridor = np.abs(points[:, 1]) <= half_corridor_m
         ahead = points[is_in_corridor & (points[:, 0] > 0.0), 0]
-        nearest_m = float(ahead.min()) if len(ahead) else math.inf
+        nearest_m = float(ahead.min(initial=math.inf))
         return min(nearest_m - config.half_length_m, config.look_ahead_m)
 
 
@@ -276,9 +273,6 @@ def free_distances(
     Returns:
         Distances (k,) in m until a point touches the disc, up to `longest_m`.
     """
-    if len(points) == 0:
-        return np.full(len(directions), longest_m)
-
     # Each point has a distance along a direction (k, n) and one aside of it.
     along = np.outer(np.cos(directions), points[:, 0])
     along = along + np.outer(np.sin(directions), points[:, 1])
@@ -287,7 +281,7 @@ def free_distances(
     # Points behind the robot do not stop it.
     touches = (aside_squared < radius_m**2) & (along > 0.0)
     free = np.where(touches, np.clip(contact, 0.0, longest_m), longest_m)
-    distances: FloatArray = free.min(axis=1)
+    distances: FloatArray = free.min(axis=1, initial=longest_m)
     return distances
 
 

@@ -40,8 +40,7 @@ class GlobalPlanConfig(Checked):
         True, "skip cells that are too far from the path to matter, to save time"
     )
     as_navfn: bool = optional(
-        False,
-        "true: search and descent are navfn's, which may orbit (a quirk)",
+        False, "true: search and descent are navfn's, which may orbit (a quirk)"
     )
     unfinished_plans: bool = optional(
         False, "with as_navfn: accept a path that circles as a plan (a quirk)"

@@ -313,8 +313,7 @@ class _Path:
         self.points = kernels.resample(
             plan[nearest:], config.path_spacing_m, max_points
         )
-        sides = side_lengths(self.points)
-        self.arc = np.concatenate(([0.0], np.cumsum(sides)))
+        self.arc = np.concatenate(([0.0], np.cumsum(side_lengths(self.points))))
         costs = [inputs.costmap.cost_at(x, y) for x, y in self.points.tolist()]
         self.is_clear = np.array([(cost or 0) < INSCRIBED for cost in costs])
 

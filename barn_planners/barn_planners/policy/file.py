@@ -116,8 +116,8 @@ class Policy:
 
     def _check_choice(self, name: str, value: str, choices: tuple[str, ...]) -> None:
         """Raise PolicyError unless `value` is one of `choices`."""
-        hint = suggest(value, choices)
-        self._require(value in choices, f"unknown {name} {value!r:.40}{hint}")
+        problem = f"unknown {name} {value!r:.40}{suggest(value, choices)}"
+        self._require(value in choices, problem)
 
     def _require(self, holds: bool, problem: str) -> None:
         """Raise PolicyError with `where` and `problem` unless `holds`."""

@@ -4,7 +4,6 @@ Observations and actions are those of the learning environment, so what was trai
 there drives here; see docs/learning.md.
 """
 
-import importlib.resources
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -23,6 +22,7 @@ from barn_planners.robots import fit_to_robot
 from barn_worlds.base.compute import Compute
 from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.files import package_data
 from barn_worlds.base.types import STOP, Pose2D, Scan, Velocity2D
 from barn_worlds.robots.robot import Robot
 
@@ -155,14 +155,12 @@ class PolicyPlanner(ScanPlanner):
         frame = self._encoder.encode(observation, goal)
         vectors = np.empty((1, self.policy.observation.size), np.float32)
         self._stack.push(_ONLY, frame[None], vectors)
-        action = self.policy.act(vectors[0])
-        return self.policy.action.command(action)
+        return self.policy.action.command(self.policy.act(vectors[0]))
 
 
 def shipped_policy(name: str = "") -> Path:
     """Return the path of a policy that comes with the package, by name in `SHIPPED`."""
-    data = Path(str(importlib.resources.files("barn_planners"))) / "data"
-    return data / SHIPPED[name]
+    return package_data("barn_planners") / SHIPPED[name]
 
 
 def _fit_to_robot(config: PolicyConfig, robot: Robot) -> dict[str, Any]:

@@ -152,12 +152,7 @@ class FrameStack:
             vectors: Vectors (n, size), changed in place.
         """
         _push_frames(
-            self._last,
-            self._is_empty,
-            self._config.frame_steps,
-            rows,
-            frames,
-            vectors,
+            self._last, self._is_empty, self._config.frame_steps, rows, frames, vectors
         )
 
 
@@ -295,8 +290,7 @@ class ObservationEncoder:
         # Beams up to half a sector beyond both ends belong to the outermost sectors.
         edges = config.angle_min_rad + width * np.arange(config.beams)
         edges[0] -= 0.5 * width
-        end_angle = config.angle_max_rad + 0.5 * width
-        end_beam = np.searchsorted(angles, end_angle, "right")
+        end_beam = np.searchsorted(angles, config.angle_max_rad + 0.5 * width, "right")
 
         # A sector between two beams uses the beam to its left.
         first_beams = np.searchsorted(angles, edges, "left")

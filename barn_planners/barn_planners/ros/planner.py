@@ -31,7 +31,7 @@ from std_srvs.srv import Trigger
 
 from barn_planners.interface import Observation
 from barn_planners.registry import planner_config, planner_entry
-from barn_planners.runtime.messages import PlannerMessages
+from barn_planners.runtime.messages import VIEW_TOPICS, PlannerMessages
 from barn_planners.runtime.planner_runtime import PlannerRuntime, goal_problem
 from barn_planners.runtime.synchronizer import SyncConfig, Synchronizer
 from barn_worlds.base.arrays import COMPILING_NOTE
@@ -59,14 +59,7 @@ from barn_worlds.ros.topics import create_publisher, subscribe
 
 T = TypeVar("T")
 
-_DISPLAY_TOPICS = (
-    topics.PLAN,
-    topics.LOCAL_PLAN,
-    topics.COSTMAP,
-    topics.BAND,
-    topics.CANDIDATES,
-    topics.DIAGNOSTICS,
-)
+_DISPLAY_TOPICS = (topics.PLAN, *VIEW_TOPICS, topics.DIAGNOSTICS)
 # Only a listener that was killed takes this long, and then DDS forgets it.
 _LAST_COMMAND_S = 20.0
 # Odometry and poses arrive more often than scans; none of them should be lost.
@@ -263,8 +256,9 @@ class PlannerNode(Node):
             return
         self._read_seed()
         if self._runtime.set_goal(goal):
-            pose = f"({goal.x:.3f}, {goal.y:.3f}, {goal.yaw:.3f})"
-            self.get_logger().info(f"new goal {pose}")
+            self.get_logger().info(
+                f"new goal ({goal.x:.3f}, {goal.y:.3f}, {goal.yaw:.3f})"
+            )
 
     def _on_map(self, occupancy: OccupancyMap) -> None:
         """Set the map, which may start a task."""

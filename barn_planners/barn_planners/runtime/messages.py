@@ -14,6 +14,8 @@ from barn_worlds.messages import encode, topics
 from barn_worlds.messages.cdr import Layout, Message, Slot, Template, make_message
 from barn_worlds.messages.topics import Frames, OutgoingMessage, Topic
 
+# Topics of what a planner shows with its method `view`.
+VIEW_TOPICS = (topics.LOCAL_PLAN, topics.COSTMAP, topics.BAND, topics.CANDIDATES)
 # Limits of what is published of a planner's candidates, which can be thousands.
 MAX_CANDIDATES = 20
 MAX_POINTS = 8
@@ -211,14 +213,8 @@ class PlannerMessages:
         self, planner: Planner, stamp_ns: int, is_wanted: Callable[[Topic], bool]
     ) -> Iterator[OutgoingMessage]:
         """Yield local plan, costmap, band and candidates that exist and are wanted."""
-        view_topics = (
-            topics.LOCAL_PLAN,
-            topics.COSTMAP,
-            topics.BAND,
-            topics.CANDIDATES,
-        )
         # A view may take longer than a control cycle, so it is made only for listeners.
-        wanted_topics = set(filter(is_wanted, view_topics))
+        wanted_topics = set(filter(is_wanted, VIEW_TOPICS))
         if not wanted_topics:
             return
 
@@ -331,8 +327,7 @@ def _marker_template(
 ) -> Template:
     """Return a template of markers that replace all earlier ones; all stamps vary."""
     # Viewers keep markers until told otherwise: the first marker deletes earlier ones.
-    delete_all = encode.make_marker(frame, namespace, action=encode.DELETE_ALL)
-    messages = [delete_all]
+    messages = [encode.make_marker(frame, namespace, action=encode.DELETE_ALL)]
     fields = [f"markers.0.{name}" for name in encode.STAMP_FIELDS]
     for index, (marker, varying_fields) in enumerate(markers, 1):
         messages.append(marker)

@@ -184,8 +184,7 @@ class ContactScene:
                 halfExtents=half_sizes,
                 physicsClientId=self.client,
             )
-        shape = self._shapes[size]
-        body = self._create(shape, position, attitude, mass_kg, **dynamics)
+        body = self._create(self._shapes[size], position, attitude, mass_kg, **dynamics)
         if mass_kg:
             bullet.setCollisionFilterGroupMask(
                 body, -1, group, mask, physicsClientId=self.client

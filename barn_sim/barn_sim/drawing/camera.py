@@ -82,9 +82,9 @@ def camera_at(name: str, pose: Pose2D, bounds_m: Sequence[float]) -> Camera:
         ConfigError: If there is no camera of that name.
     """
     if name not in SIZES:
-        names = ", ".join(CAMERAS)
         raise ConfigError(
-            f"camera must be one of {names}, got {name!r}{suggest(name, CAMERAS)}"
+            f"camera must be one of {', '.join(CAMERAS)}, got {name!r}"
+            f"{suggest(name, CAMERAS)}"
         )
     if name == "chase":
         cosine = math.cos(pose.yaw)

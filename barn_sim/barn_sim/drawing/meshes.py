@@ -5,7 +5,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from barn_worlds.base.arrays import Points
+from barn_worlds.base.arrays import Points, unit_vectors
 from barn_worlds.geometry.polygon import Corner
 
 Mesh: TypeAlias = dict[str, list[list[float]] | list[int]]
@@ -54,7 +54,7 @@ def pillars(centers_m: Points, radius_m: float, height_m: float) -> Mesh:
         height_m: Height of each, from the ground.
     """
     angles = np.linspace(0.0, 2.0 * np.pi, _SIDES, endpoint=False)
-    circle = np.column_stack([np.cos(angles), np.sin(angles)])
+    circle = unit_vectors(angles)
     zeros = np.zeros((_SIDES, 1))
     heights = np.full((_SIDES, 1), height_m)
 

@@ -139,8 +139,7 @@ def body_parts(chassis: Chassis, lidar: LidarConfig) -> list[RobotPart]:
         body = RobotPart((height,), center, _DARK, corners=corners)
 
     # A mast where the lidar stands over the body.
-    mast_low = min(high, lidar.mount_z_m)
-    mast_high = max(high, lidar.mount_z_m)
+    mast_low, mast_high = sorted((high, lidar.mount_z_m))
     mast = (lidar.mount_x_m, lidar.mount_y_m, 0.5 * (mast_low + mast_high))
     parts = [
         body,

@@ -290,9 +290,11 @@ class SimulatorNode(Node):
         """
         before = self.trial
         try:
-            trial = begin_trial(
-                self._next_config(), self._config, self._rhythm, before.now_ns
-            )
+            if self._leader is None:
+                config = read_parameters(self, self._defaults)
+            else:
+                config = self._leader.config
+            trial = begin_trial(config, self._config, self._rhythm, before.now_ns)
         except BarnError as error:
             self.get_logger().error(f"reset: {error}")
             return False, str(error)
@@ -302,12 +304,6 @@ class SimulatorNode(Node):
         self._outputs.publish([*trial.messages.constant(), clock])
         self._commands.begin_trial()
         return True, f"{self._describe()}; before: {before.summary()}"
-
-    def _next_config(self) -> RunConfig:
-        """Return the next trial's configuration: the evaluator's or the parameters'."""
-        if self._leader is not None:
-            return self._leader.config
-        return read_parameters(self, self._defaults)
 
     def _pause(self, on: bool) -> Answer:
         """Pause (True) or resume time, and answer the trial's counts as JSON."""

@@ -34,7 +34,6 @@ _KINDS = {topic.type_name: kind for kind, topic in _COMMANDS.items()}
 # The referee judges by these: they go over the private line, if there is one, and
 # before they are published.
 _JUDGED = (topics.CLOCK, topics.ODOM, topics.GROUND_TRUTH, topics.COLLISION)
-_JUDGED_NAMES = {topic.name for topic in _JUDGED}
 _PUBLISHED = (
     *_JUDGED,
     topics.AMCL_POSE,
@@ -131,9 +130,9 @@ class CommandInput:
         )
         self.complaint = ""
         if strangers:
-            names = ", ".join(strangers)
             self.complaint = (
-                f"{self._topic}: not heard: {names}; this run expects {type_name}"
+                f"{self._topic}: not heard: {', '.join(strangers)}; "
+                f"this run expects {type_name}"
             )
             # Not at each change: at first a node's name may be missing.
             if not self._has_complained:
@@ -180,7 +179,7 @@ class Outputs:
         for topic, data in messages:
             # Over the line first: the referee must not lag behind what a planner can
             # know.
-            if self._line is not None and topic.name in _JUDGED_NAMES:
+            if self._line is not None and topic in _JUDGED:
                 self._line.publish(topic.name, data)
             topic_publisher = self._publishers.get(topic.name)
             if topic_publisher is not None:

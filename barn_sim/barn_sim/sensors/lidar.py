@@ -203,5 +203,4 @@ class Lidar:
 @cache
 def _beam_directions(angle_min: float, increment: float, beams: int) -> Floats:
     """Return unit vectors (beams, 2) in the sensor frame; angles in rad."""
-    angles = angle_min + increment * np.arange(beams)
-    return unit_vectors(angles)
+    return unit_vectors(angle_min + increment * np.arange(beams))

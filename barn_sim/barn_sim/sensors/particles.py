@@ -141,8 +141,7 @@ class ParticleLocalization:
         heading = self._particles[:, 2] + turn
         heading -= turn_spread * errors[0]
         step = length - length_spread * errors[1]
-        direction = unit_vectors(heading)
-        self._particles[:, :2] += step[:, None] * direction
+        self._particles[:, :2] += step[:, None] * unit_vectors(heading)
         self._particles[:, 2] = heading + final_turn - final_spread * errors[2]
 
     def _weights(self, scan: Scan) -> Floats:
@@ -186,8 +185,7 @@ class ParticleLocalization:
         particles = self._particles[np.minimum(indices, len(weights) - 1)]
 
         # The average depends on the number of particles, as in amcl.
-        average = float(sums[-1]) / len(weights) ** 2
-        share = self._random_share(average)
+        share = self._random_share(float(sums[-1]) / len(weights) ** 2)
         if share > 0.0:
             is_random = self._rng.random(count) < share
             particles[is_random] = self._random_poses(int(is_random.sum()))

@@ -164,8 +164,9 @@ class Checked:
             ConfigError: If the rule does not hold.
         """
         if not holds:
-            value = attrgetter(name)(self)
-            raise ConfigError(f"{name} {rule}, got {format_value(value)}")
+            raise ConfigError(
+                f"{name} {rule}, got {format_value(attrgetter(name)(self))}"
+            )
 
 
 def fields_of(config: Any) -> Iterator[tuple[str, Quantity, Any]]:
@@ -231,8 +232,10 @@ def replace_dotted(config: T, changes: Mapping[str, Any], where: str) -> T:
     # changes `content`.
     for name, value in _flatten(values, changes):
         if name not in values:
-            hint = suggest(name, values)
-            raise ConfigError(f"{where}: unknown parameter {format_value(name)}{hint}")
+            raise ConfigError(
+                f"{where}: unknown parameter {format_value(name)}"
+                f"{suggest(name, values)}"
+            )
         parent, _, key = name.rpartition(".")
         mapping = values[parent] if parent else content
         mapping[key] = value
@@ -270,8 +273,8 @@ def read_selection(worlds: Any, kind: type[Exception]) -> str:
     is_list = isinstance(worlds, Iterable) and not isinstance(worlds, Mapping)
     numbers = list(worlds) if is_list else [worlds]
     for number in numbers:
-        is_number = isinstance(number, Integral) and not isinstance(number, bool)
-        if not is_number and not isinstance(number, str):
+        # In Python a bool is an int.
+        if isinstance(number, bool) or not isinstance(number, (Integral, str)):
             numbers = []
     if not numbers:
         raise kind(
@@ -418,8 +421,7 @@ def _read_tuple(
             values.append(converter.structure(item, item_kind))
         except Exception as error:
             note = IterableValidationNote("", index, item_kind)
-            notes = [*getattr(error, "__notes__", ()), note]
-            error.__dict__["__notes__"] = notes
+            error.__dict__["__notes__"] = [*getattr(error, "__notes__", ()), note]
             raise IterableValidationError("", [error], kind) from None
     return tuple(values)
 
@@ -489,9 +491,9 @@ def _check(name: str, declaration: Quantity, value: object) -> None:
     limits = declaration.describe_limits()
     for item in items:
         if choices and item not in choices:
-            hint = suggest_similar(item, choices)
             raise ConfigError(
-                f"{name} must be {limits}, got {format_value(item)}{hint}"
+                f"{name} must be {limits}, got {format_value(item)}"
+                f"{suggest_similar(item, choices)}"
             )
         # In Python a bool is an int, but limits are for numbers.
         if isinstance(item, bool) or not isinstance(item, (int, float)):

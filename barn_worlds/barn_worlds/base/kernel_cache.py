@@ -45,8 +45,7 @@ def prepare(package: Path) -> None:
     caches = Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser())
     folder = caches / "barn" / digest
     if not _is_private(folder):
-        shared = Path(tempfile.gettempdir())
-        folder = shared / f"barn_kernels_{os.getuid()}" / digest
+        folder = Path(tempfile.gettempdir()) / f"barn_kernels_{os.getuid()}" / digest
         # Another user may have created that folder first, to plant code in it.
         if not _is_private(folder):
             folder = Path(tempfile.mkdtemp(prefix="barn_kernels_"))

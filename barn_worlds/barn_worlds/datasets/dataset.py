@@ -226,10 +226,9 @@ def open_dataset(source: str | Path, robot: Robot = STANDARD_ROBOT) -> Dataset:
             single.require_ending(path)
             dataset = _open_worlds(path.name, [path], robot)
         else:
-            hint = suggest(str(source), dataset_files())
             raise WorldError(
                 f"{str(source)[:_MAX_QUOTED_CHARACTERS]}: no such file, folder or data "
-                f"set{hint}"
+                f"set{suggest(str(source), dataset_files())}"
             )
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
@@ -276,8 +275,7 @@ def _open_folder(path: Path, robot: Robot) -> Dataset:
 
 def _open_worlds(name: str, files: Sequence[Path], robot: Robot) -> Dataset:
     """Return a data set, a world per route if map files name any, else per file."""
-    in_names = map(single.number_in, files)
-    numbers = [number for number in in_names if number is not None]
+    numbers = [number for number in map(single.number_in, files) if number is not None]
     if len(set(numbers)) < len(files):
         numbers = list(range(len(files)))
     readers: dict[int, Callable[[], World]] = {}

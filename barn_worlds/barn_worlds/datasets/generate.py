@@ -148,8 +148,7 @@ def generate_world(
             "generated", "", as_dict(parameters), seed, path_source="planned"
         )
         cell_m = parameters.resolution_m
-        footprint_cells = parameters.footprint_cells
-        return World(name, grid, path, cell_m, footprint_cells, provenance)
+        return World(name, grid, path, cell_m, parameters.footprint_cells, provenance)
 
     raise WorldError(
         f"no passable world in {parameters.attempts} attempts with "

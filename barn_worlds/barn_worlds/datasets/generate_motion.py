@@ -90,14 +90,14 @@ class MotionParameters(Checked):
     def __post_init__(self) -> None:
         """Raise ConfigError for a minimum above its maximum or too few profiles."""
         super().__post_init__()
-        ranges = (
-            ("obstacles_min", "obstacles_max"),
-            ("order_min", "order_max"),
-            ("points_min", "points_max"),
-            ("speed_min_mps", "speed_max_mps"),
-            ("spread_min_mps", "spread_max_mps"),
-        )
-        for low, high in ranges:
+        for low in (
+            "obstacles_min",
+            "order_min",
+            "points_min",
+            "speed_min_mps",
+            "spread_min_mps",
+        ):
+            high = low.replace("_min", "_max")
             is_ordered = getattr(self, low) <= getattr(self, high)
             self.require(is_ordered, low, f"must be at most {high}")
         self.require(
@@ -113,8 +113,9 @@ MOTION_CLASSES = read_presets("barn_worlds", "motion_classes.yaml", MotionParame
 def motion_class(name: str) -> MotionParameters:
     """Return the parameters of a motion class by name; ConfigError if there is none."""
     if name not in MOTION_CLASSES:
-        hint = suggest(name, MOTION_CLASSES)
-        raise ConfigError(f"unknown motion class {name!r:.60}{hint}")
+        raise ConfigError(
+            f"unknown motion class {name!r:.60}{suggest(name, MOTION_CLASSES)}"
+        )
     return MOTION_CLASSES[name]
 
 
@@ -339,12 +340,9 @@ def _polynomial_points(
         y = np.clip(np.polyval(coefficients, x), -_HALF_M, _HALF_M)
 
         points: Points = np.concatenate([np.stack([x, y], axis=1), random_points])
-        along_x = np.argsort(points[:, 0], kind="stable")
-        points = points[along_x]
-        is_apart = side_lengths(points) > _CLOSEST_POINTS_M
-        points = points[np.append(True, is_apart)]
-        length_m = side_lengths(points).sum()
-        if len(points) > 1 and length_m >= _SHORTEST_PROFILE_M:
+        points = points[np.argsort(points[:, 0], kind="stable")]
+        points = points[np.append(True, side_lengths(points) > _CLOSEST_POINTS_M)]
+        if len(points) > 1 and side_lengths(points).sum() >= _SHORTEST_PROFILE_M:
             return points
 
     raise WorldError(

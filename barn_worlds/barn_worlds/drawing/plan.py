@@ -149,10 +149,9 @@ class CoursePlan:
             f"{number:4d} {x:7.3f} {y:7.3f}"
             for number, (x, y) in enumerate(self.world.cylinders_m.tolist())
         ]
-        first = len(self.world.obstacles_m)
         title = (
             f"{self.world.name}: number, x and y of each center in m; the containment"
-            f" starts at {first}"
+            f" starts at {len(self.world.obstacles_m)}"
         )
         for begin in range(0, len(lines), _ROWS * _COLUMNS):
             figure = self._page(title)
@@ -190,11 +189,9 @@ class CoursePlan:
         frame = np.concatenate([(_MARGIN_M, _MARGIN_M), area_m])
         left, bottom, width, height = (frame / np.tile(paper_m, 2)).tolist()
         centers_m = self.world.cylinders_m
-        for place in range(across * down):
-            row, column = divmod(place, across)
+        for row, column in np.ndindex(down, across):
             corner = low + step_m * (column, down - 1 - row)
             inside = (centers_m > corner) & (centers_m < corner + area_m * scale)
-            numbers = np.flatnonzero(inside.all(axis=1)).tolist()
             figure = self._page(
                 f"{self.world.name}, 1:{scale}, row {row + 1} of {down}, column"
                 f" {column + 1} of {across}. Print at 100 %: the bar is"
@@ -202,7 +199,7 @@ class CoursePlan:
             )
             axes = figure.add_axes((left, bottom, width, height))
             self._draw(axes, corner, corner + area_m * scale)
-            for number in numbers:
+            for number in np.flatnonzero(inside.all(axis=1)).tolist():
                 x, y = centers_m[number]
                 axes.text(
                     x, y, str(number), size=7, color=WHITE, ha="center", va="center"

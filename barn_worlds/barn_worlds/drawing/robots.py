@@ -78,12 +78,7 @@ def _draw_body(axes: Axes, robot: Robot) -> None:
         # From above a wheel is as long as its diameter.
         corner = (x - radius, y - 0.5 * width)
         wheel = Rectangle(
-            corner,
-            2.0 * radius,
-            width,
-            facecolor=palette.HOLLOW,
-            zorder=3,
-            label=label,
+            corner, 2.0 * radius, width, facecolor=palette.HOLLOW, zorder=3, label=label
         )
         axes.add_patch(wheel)
         label = ""

@@ -42,13 +42,16 @@ def draw_discs(axes: Axes, centers_m: Points, radius_m: float, **style: Any) -> 
         style: Properties of matplotlib's collection.
     """
     sizes = np.full(len(centers_m), 2.0 * radius_m)
-    offsets: Any = {
-        "units": "xy",
-        "offsets": centers_m,
-        "offset_transform": axes.transData,
-    }
-    angles = np.zeros(len(sizes))
-    axes.add_collection(EllipseCollection(sizes, sizes, angles, **offsets, **style))
+    discs = EllipseCollection(
+        sizes,
+        sizes,
+        np.zeros(len(sizes)),
+        units="xy",
+        offsets=centers_m,
+        offset_transform=axes.transData,
+        **style,
+    )
+    axes.add_collection(discs)
 
 
 def draw_scene(axes: Axes, scene: TrialScene, *, faint: bool = False) -> None:
@@ -232,11 +235,6 @@ def draw_arrow(
     if length <= 1e-6:
         return
     # Only the head is visible, because it is longer than the shaft of 1 cm.
-    tip = (position + direction / length * 0.01).tolist()
+    tip = position + direction / length * 0.01
     arrow = {"arrowstyle": "-|>", "color": MOVER, "shrinkA": 0.0, "shrinkB": 0.0}
-    axes.annotate(
-        "",
-        (tip[0], tip[1]),
-        (float(position[0]), float(position[1])),
-        arrowprops=arrow | style,
-    )
+    axes.annotate("", tuple(tip), tuple(position), arrowprops=arrow | style)

@@ -93,10 +93,7 @@ class NpzFormat:
     """Further versions that are read; a header of one of them must contain it."""
 
     def write(
-        self,
-        path: Path,
-        header: Mapping[str, Any],
-        arrays: Mapping[str, AnyArray],
+        self, path: Path, header: Mapping[str, Any], arrays: Mapping[str, AnyArray]
     ) -> str:
         """Write a .npz file atomically and return its header as JSON text.
 

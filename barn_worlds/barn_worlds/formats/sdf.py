@@ -50,9 +50,9 @@ def write_sdf(
         content = gzip.compress(content, mtime=0)
     write_bytes(path, content)
     if flavor == "gz":
-        meshes = {mesh_name(obstacle): obstacle for obstacle in world.moving}
-        for name, obstacle in meshes.items():
-            write_bytes(path.parent / name, obj_mesh(obstacle).encode())
+        for obstacle in world.moving:
+            mesh_file = path.parent / mesh_name(obstacle)
+            write_bytes(mesh_file, obj_mesh(obstacle).encode())
 
 
 def sdf_text(world: World, flavor: str = "classic", *, movable: bool = False) -> str:
@@ -99,15 +99,15 @@ def trajectories(obstacle: MovingObstacle) -> list[Waypoints]:
     motion = obstacle.motion
     period_s = motion.period_s
     start_s = obstacle.phase_s % period_s
-    if motion.kind == "gazebo" and start_s == 0.0:
+    if start_s:
+        # The motion may jump when it repeats. Gazebo would interpolate in a trajectory.
+        return [_sample(obstacle, start_s, period_s), _sample(obstacle, 0.0, start_s)]
+    if motion.kind == "gazebo":
         first_s = motion.keys[0][0]
         last_s = motion.keys[-1][0]
         if first_s == 0.0 and last_s == period_s:
             return [list(motion.keys)]
-    if not start_s:
-        return [_sample(obstacle, 0.0, period_s)]
-    # The motion may jump when it repeats. Gazebo would interpolate in a trajectory.
-    return [_sample(obstacle, start_s, period_s), _sample(obstacle, 0.0, start_s)]
+    return [_sample(obstacle, 0.0, period_s)]
 
 
 def mesh_name(obstacle: MovingObstacle) -> str:

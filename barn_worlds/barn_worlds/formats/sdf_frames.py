@@ -124,8 +124,9 @@ class Scope:
 
     def _describe(self, element: Element) -> str:
         """Return path, model and an element in it as the beginning of a message."""
-        name = element.get("name", "without a name")
-        return f"{self.where}: {element.tag} {name!r:.60}"
+        return (
+            f"{self.where}: {element.tag} {element.get('name', 'without a name')!r:.60}"
+        )
 
 
 def read_pose(pose: Element | None, where: str) -> Transform:

@@ -79,8 +79,7 @@ class WorldFile(Checked):
             path = _connect(self.path, grid)
             start = goal = None
             if self.start or self.goal:
-                numbers = (*self.start, *self.goal)
-                start, goal = parse_course(numbers, "start and goal")
+                start, goal = parse_course((*self.start, *self.goal), "start and goal")
             return World(
                 self.name,
                 grid,

@@ -35,8 +35,7 @@ class Bodies(NamedTuple):
 
     def outlines(self) -> list[Points]:
         """Return each body's outline x, y (k, 2) in m, map frame, seen from above."""
-        angles = np.linspace(0.0, 2.0 * math.pi, _CIRCLE_POINTS)
-        circle = unit_vectors(angles)
+        circle = unit_vectors(np.linspace(0.0, 2.0 * math.pi, _CIRCLE_POINTS))
         outlines = []
         for pose, radius, size in zip(
             self.poses.tolist(), self.radius_m, self.size_m, strict=True
@@ -65,7 +64,7 @@ def shape_rows(
         size_m: (n, 2) of boxes along their own x and y, 0 for a cylinder.
         yaw_rad: Headings (n,).
     """
-    headings = np.column_stack([np.cos(yaw_rad), np.sin(yaw_rad)])
+    headings = unit_vectors(yaw_rad)
     return np.column_stack([centers_m, radius_m, 0.5 * size_m, headings])
 
 

@@ -121,7 +121,7 @@ class Footprint:
         shares = ((point - starts) * sides).sum(axis=1) / (sides**2).sum(axis=1)
         shares = np.clip(shares, 0.0, 1.0)
         points = starts + shares[:, None] * sides
-        distances = np.hypot(points[:, 0] - x, points[:, 1] - y)
+        distances = np.hypot(*(points - point).T)
         nearest: Floats = points[distances.argmin()]
         return nearest
 

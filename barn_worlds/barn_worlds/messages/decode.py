@@ -183,8 +183,7 @@ def odometry(data: bytes) -> Odometry:
     x, y, *quaternion, linear, angular = _POSE_AND_TWIST.unpack_from(data, offset)
     # Zeros are no orientation: who measures none sends them.
     yaw = yaw_from_quaternion(*quaternion) if any(quaternion) else math.nan
-    pose = Pose2D(x, y, yaw)
-    return Odometry(stamp_ns, pose, Velocity2D(linear, angular))
+    return Odometry(stamp_ns, Pose2D(x, y, yaw), Velocity2D(linear, angular))
 
 
 @_reads("sensor_msgs/msg/LaserScan")

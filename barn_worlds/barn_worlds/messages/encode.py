@@ -85,8 +85,7 @@ class Encoder(Generic[T]):
 
     def row(self, content: T, stamp_ns: int) -> tuple[Any, ...]:
         """Return stamp (s, ns) and a content's values, in the order of `layout`."""
-        stamp = divmod(stamp_ns, NANOSECONDS_PER_SECOND)
-        return (*stamp, *self._values(content))
+        return (*divmod(stamp_ns, NANOSECONDS_PER_SECOND), *self._values(content))
 
 
 class OdometryEncoder(Encoder[Odometry]):
@@ -347,9 +346,8 @@ def encode_fixed_transforms(
     transforms = []
     for child, (x, y, z) in children.items():
         message = _make_transform(parent, child)
-        message.transform.translation.x = x
-        message.transform.translation.y = y
-        message.transform.translation.z = z
+        position = make_message("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
+        message.transform.translation = position
         _turn(message.transform.rotation, yaws.get(child, 0.0))
         transforms.append(message)
     return serialize(make_message(TransformEncoder.type_name, transforms=transforms))

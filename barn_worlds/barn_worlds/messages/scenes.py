@@ -82,10 +82,9 @@ def encode_scene(scene: TrialScene, stamp_ns: int) -> bytes:
         _add_points(path, _PATH_WIDTH_M, scene.path_m)
         markers.append(path)
 
-    goal_size_m = 2.0 * scene.goal_distance_m
     for name, kind, pose, size_m in (
         (_START, SPHERE, scene.start, _START_SIZE_M),
-        (_GOAL, CYLINDER, scene.goal, goal_size_m),
+        (_GOAL, CYLINDER, scene.goal, 2.0 * scene.goal_distance_m),
     ):
         if pose is not None:
             disc = _make_marker(_STATIC_COLORS, name, kind, stamp_ns)
@@ -177,8 +176,7 @@ def encode_moving_poses(world: World, time_s: float, stamp_ns: int) -> bytes:
     """
     positions, _ = world.tracks.at(time_s)
     message = make_message(
-        MOVING_POSES.type_name,
-        header=make_header(FRAMES.of(MOVING_POSES), stamp_ns),
+        MOVING_POSES.type_name, header=make_header(FRAMES.of(MOVING_POSES), stamp_ns)
     )
     yaws = world.tracks.yaw_rad.tolist()
     for (x, y), yaw in zip(positions.tolist(), yaws, strict=True):

@@ -66,8 +66,7 @@ class Tracks:
         # Pieces of lower order get zeros for the higher powers.
         powers = max(table.shape[2] for table in tables)
         coefficients = np.zeros((len(begin_s), 2, powers))
-        places = first[:-1].tolist()
-        for place, table in zip(places, tables[1:], strict=True):
+        for place, table in zip(first[:-1].tolist(), tables[1:], strict=True):
             coefficients[place : place + len(table), :, : table.shape[2]] = table
 
         speeds_mps = _speed_bounds(coefficients) / duration_s
@@ -113,7 +112,7 @@ def _speed_bounds(coefficients: Floats) -> Floats:
             for power in range(place + 1)
         )
         corner = np.asarray(bernstein).reshape(len(coefficients), 2)
-        bounds = np.maximum(bounds, np.hypot(corner[:, 0], corner[:, 1]))
+        bounds = np.maximum(bounds, np.hypot(*corner.T))
     return bounds
 
 

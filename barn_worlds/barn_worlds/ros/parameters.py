@@ -58,8 +58,9 @@ def warn_about_unknown_parameters(node: Node) -> None:
     names = {parameter.name for parameter in parameters.values()}
     for name in node._parameter_overrides:
         if name not in names and not name.startswith("qos_overrides."):
-            hint = suggest(name, names)
-            node.get_logger().warning(f"unknown parameter {name!r}{hint}")
+            node.get_logger().warning(
+                f"unknown parameter {name!r}{suggest(name, names)}"
+            )
 
 
 def refuse_invalid_changes(node: Node, config: object) -> None:

@@ -73,8 +73,7 @@ def plan_path(
 
 def choose_middle(rows: Integers) -> int:
     """Return the index of the one of `rows` (n,) nearest their mean, first of two."""
-    distances = np.abs(rows - rows.mean())
-    return int(distances.argmin())
+    return int(np.abs(rows - rows.mean()).argmin())
 
 
 def plan_through(
@@ -99,8 +98,7 @@ def plan_through(
     ends = []
     for column in (0, cspace.shape[1] - 1):
         rows = np.flatnonzero(region[:, column])
-        place = choose(rows)
-        ends.append((int(rows[place]), column))
+        ends.append((int(rows[choose(rows)]), column))
     return plan_path(cspace, *ends)
 
 

@@ -105,8 +105,7 @@ def _spread_places(cells: Cells, number: int, generator: np.random.Generator) ->
 
 def _pool(mask: BoolGrid, block_cells: int) -> BoolGrid:
     """Return a mask of square blocks of cells, True where any cell of a block is."""
-    margins = [(0, -side % block_cells) for side in mask.shape]
-    padded = np.pad(mask, margins)
+    padded = np.pad(mask, [(0, -side % block_cells) for side in mask.shape])
     rows, cols = padded.shape
     shape = (rows // block_cells, block_cells, cols // block_cells, block_cells)
     blocks: BoolGrid = np.logical_or.reduce(padded.reshape(shape), axis=(1, 3))

@@ -92,8 +92,7 @@ class World:
 
         # The class is frozen: this is how it replaces the arrays by read-only copies.
         object.__setattr__(self, "grid", validate_grid(self.grid, self.name))
-        path = validate_path(self.path, self.grid, self.name)
-        object.__setattr__(self, "path", path)
+        object.__setattr__(self, "path", validate_path(self.path, self.grid, self.name))
 
         side = self.footprint_cells
         limit = 2 * LARGEST_SIDE
@@ -270,17 +269,17 @@ class World:
 
     def resize(self, scale: float) -> "World":
         """Return an arena with cells, corner and ends scaled; not walls or movers."""
-        poses = [
+        start, goal = (
             pose and Pose2D(scale * pose.x, scale * pose.y, pose.yaw)
             for pose in (self.start, self.goal)
-        ]
+        )
         x_m, y_m = self.corner_m or (0.0, 0.0)
         return replace(
             self,
             resolution_m=scale * self.resolution_m,
             corner_m=(scale * x_m, scale * y_m),
-            start=poses[0],
-            goal=poses[1],
+            start=start,
+            goal=goal,
         )
 
     @property
