@@ -150,8 +150,9 @@ class ResultsFolder:
     @property
     def remaining(self) -> list[TrialSpec]:
         """Trials without a scored row, easy and difficult worlds mixed."""
-        completed_ids = self._completed_ids
-        return [spec for spec in self._schedule if spec.trial_id not in completed_ids]
+        return [
+            spec for spec in self._schedule if spec.trial_id not in self._completed_ids
+        ]
 
     @property
     def total(self) -> int:

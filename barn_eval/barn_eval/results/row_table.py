@@ -209,8 +209,7 @@ def join(parts: Sequence[Rows]) -> Rows:
 
 def has_motion(rows: Rows) -> Bools:
     """Return a mask (n,): whether each row's trial was among moving obstacles."""
-    phases_s = column(rows, "motion.phase_s")
-    is_moving: Bools = ~np.isnan(phases_s)
+    is_moving: Bools = ~np.isnan(column(rows, "motion.phase_s"))
     return is_moving
 
 
@@ -265,8 +264,7 @@ def _has_all(records: pa.StructArray, kind: Any, text: str) -> bool:
             return False
         if values.null_count and not _may_be_null(item, values.null_count, text):
             return False
-        is_record = item.is_record
-        if is_record and not _has_all(values.drop_null(), item.kind, text):
+        if item.is_record and not _has_all(values.drop_null(), item.kind, text):
             return False
     return True
 
@@ -321,10 +319,7 @@ def _flatten(table: pa.Table) -> pa.Table:
 
 def _make_rows(table: pa.Table) -> list[TrialResult]:
     """Return the rows of a table with dotted columns as objects."""
-    columns = {}
-    for name, values in zip(table.column_names, table.columns, strict=True):
-        columns[name] = values.to_pylist()
-    return _make_records(TrialResult, columns, "")
+    return _make_records(TrialResult, table.to_pydict(), "")
 
 
 def _make_records(
