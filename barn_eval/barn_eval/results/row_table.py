@@ -260,19 +260,16 @@ def _has_all(records: pa.StructArray, kind: Any, text: str) -> bool:
     """
     for item in record_fields(kind):
         values = records.field(item.name)
-        if item.kind is float and not _are_finite(values):
-            return False
+        if item.kind is float:
+            numbers = np.from_dlpack(values.drop_null())
+            # NaN and infinity are not below it, either.
+            if not (np.abs(numbers) < 2.0**63).all():
+                return False
         if values.null_count and not _may_be_null(item, values.null_count, text):
             return False
         if item.is_record and not _has_all(values.drop_null(), item.kind, text):
             return False
     return True
-
-
-def _are_finite(values: pa.Array) -> bool:
-    """Tell whether all numbers are finite and below 2**63."""
-    numbers = np.from_dlpack(values.drop_null())
-    return bool((np.abs(numbers) < 2.0**63).all())
 
 
 def _as_array(values: pa.ChunkedArray) -> Any:

@@ -117,8 +117,7 @@ class ChartData:
     @property
     def difference_measures(self) -> list[Measure]:
         """Ranking measure, success and time per meter, each once."""
-        ranking_key = ranking_measure(self.entries[0].results).key
-        keys = (ranking_key, "success", TIME.key)
+        keys = (ranking_measure(self.entries[0].results).key, "success", TIME.key)
         return [MEASURES[key] for key in dict.fromkeys(keys)]
 
     @property
