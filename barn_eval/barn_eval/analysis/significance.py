@@ -7,7 +7,7 @@ sampling throughout.
 import math
 from bisect import bisect_left
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -117,9 +117,7 @@ class Difference:
 
     def negate(self) -> "Difference":
         """Return the difference B - A, with the same p-value."""
-        return Difference(
-            self.interval.negate(), self.p, self.worlds, self.trials, self.parts
-        )
+        return replace(self, interval=self.interval.negate())
 
 
 @dataclass(frozen=True)

@@ -113,10 +113,7 @@ class Source:
         period_s = self.run_config.protocol.longest_look_s
         for result in self.results:
             cap_mps = self.commanded_mps.get(result.planner)
-            if cap_mps is None:
-                yield result
-            else:
-                yield cap_result(result, cap_mps, period_s)
+            yield result if cap_mps is None else cap_result(result, cap_mps, period_s)
 
     @property
     def robot(self) -> str:

@@ -181,8 +181,7 @@ def measures_table(summaries: Sequence[Summary], keys: Sequence[str]) -> TextTab
 def summary_table(summaries: Sequence[Summary]) -> TextTable:
     """Return a text table of means, spread and outcomes, a planner per column."""
     measures = measures_table(summaries, list(summaries[0].means))
-    rows = list(measures.rows)
-    rows.append((SPREAD, *map(_spread_text, summaries)))
+    rows = (*measures.rows, (SPREAD, *map(_spread_text, summaries)))
 
     planner_outcomes = []
     for summary in summaries:
@@ -196,7 +195,7 @@ def summary_table(summaries: Sequence[Summary]) -> TextTable:
         "summary",
         f"{trials} in {count_noun(worlds, 'world')}",
         ("mean and 95 % interval", *measures.columns[1:]),
-        tuple(rows),
+        rows,
         caption=". ".join(note for note in notes if note),
     )
 

@@ -102,10 +102,7 @@ class Ranking:
                 for better in range(place)
                 for worse in range(place, count)
             )
-            if is_new_rank:
-                ranks.append(place + 1)
-            else:
-                ranks.append(ranks[-1])
+            ranks.append(place + 1 if is_new_rank else ranks[-1])
         return tuple(ranks)
 
 
@@ -136,8 +133,9 @@ def rank_results(
         (comparison.a, comparison.b): comparison.row(measure.key).paired.test()
         for comparison in comparisons
     }
-    larger_is_better = measure.better == "larger"
-    ranking = rank(values, larger_is_better=larger_is_better, pair_tests=pair_tests)
+    ranking = rank(
+        values, larger_is_better=measure.better == "larger", pair_tests=pair_tests
+    )
     first = next(iter(results.values()))
     return replace(ranking, available=count_available_worlds(first))
 

@@ -85,22 +85,17 @@ class TopView:
             draw.line(self._trail, fill=TRAIL, width=2)
 
         pose = Pose2D(*episodes.readings.truths[self._index].tolist())
-        self._draw_scan(draw, episodes, pose)
+        # The returns of the last scan, as seen from the true pose.
+        lidar = spec.simulator.lidar
+        mount = Pose2D(lidar.mount_x_m, lidar.mount_y_m, lidar.mount_yaw_rad)
+        hits_m = scan_points(episodes.scan(self._index), mount, math.inf)
+        draw.point(self._to_pixels(pose.transform(hits_m)), fill=SCAN)
         chassis = spec.simulator.chassis
         _, right_m, front_m, left_m = chassis.extent_m
         nose = (front_m + _NOSE_SHARE * (left_m - right_m), 0.0)
         outline_m = pose.transform(np.array(convex_hull([*chassis.hull_m, nose])))
         draw.polygon(self._to_pixels(outline_m), fill=ROBOT)
         return np.asarray(picture)
-
-    def _draw_scan(
-        self, draw: ImageDraw.ImageDraw, episodes: Episodes, pose: Pose2D
-    ) -> None:
-        """Draw the returns of the robot's last scan, as seen from its true `pose`."""
-        lidar = episodes.trial(self._index).spec.simulator.lidar
-        mount = Pose2D(lidar.mount_x_m, lidar.mount_y_m, lidar.mount_yaw_rad)
-        hits_m = scan_points(episodes.scan(self._index), mount, math.inf)
-        draw.point(self._to_pixels(pose.transform(hits_m)), fill=SCAN)
 
     def _draw_bodies(
         self, draw: ImageDraw.ImageDraw, bodies: Bodies, color: str

@@ -84,8 +84,9 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         self.render_mode = render_mode
         self.config = configure(config, changes)
         robot = load_robot(self.config.robot)
-        dataset = fitted_dataset or open_dataset(self.config.dataset).for_robot(robot)
-        self._dataset = dataset
+        self._dataset = fitted_dataset or open_dataset(self.config.dataset).for_robot(
+            robot
+        )
         # Numbers of the worlds that episodes are drawn from, evenly.
         self.worlds = tuple(
             sorted(select_worlds(self.config.worlds, self._dataset.world_numbers))

@@ -150,8 +150,9 @@ class ResultsFolder:
     @property
     def remaining(self) -> list[TrialSpec]:
         """Trials without a scored row, easy and difficult worlds mixed."""
-        completed_ids = self._completed_ids
-        return [spec for spec in self._schedule if spec.trial_id not in completed_ids]
+        return [
+            spec for spec in self._schedule if spec.trial_id not in self._completed_ids
+        ]
 
     @property
     def total(self) -> int:
@@ -372,11 +373,11 @@ def require_row_of_trial(
     """
     path = run_file.path.parent
     observed = ObservedTrial.of(spec.system, "", None)
-    if observed is not None and result.observed is not None:
-        observed = replace(
-            observed,
-            clearance_by=result.observed.clearance_by,
-            time_uncertainty_s=result.observed.time_uncertainty_s,
+    if result.observed is not None:
+        observed = ObservedTrial.of(
+            spec.system,
+            result.observed.clearance_by,
+            result.observed.time_uncertainty_s,
         )
     columns = {
         # Nothing of an observed trial is driven again.

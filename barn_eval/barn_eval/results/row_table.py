@@ -209,8 +209,7 @@ def join(parts: Sequence[Rows]) -> Rows:
 
 def has_motion(rows: Rows) -> Bools:
     """Return a mask (n,): whether each row's trial was among moving obstacles."""
-    phases_s = column(rows, "motion.phase_s")
-    is_moving: Bools = ~np.isnan(phases_s)
+    is_moving: Bools = ~np.isnan(column(rows, "motion.phase_s"))
     return is_moving
 
 
@@ -261,20 +260,16 @@ def _has_all(records: pa.StructArray, kind: Any, text: str) -> bool:
     """
     for item in record_fields(kind):
         values = records.field(item.name)
-        if item.kind is float and not _are_finite(values):
-            return False
+        if item.kind is float:
+            numbers = np.from_dlpack(values.drop_null())
+            # NaN and infinity are not below it, either.
+            if not (np.abs(numbers) < 2.0**63).all():
+                return False
         if values.null_count and not _may_be_null(item, values.null_count, text):
             return False
-        is_record = item.is_record
-        if is_record and not _has_all(values.drop_null(), item.kind, text):
+        if item.is_record and not _has_all(values.drop_null(), item.kind, text):
             return False
     return True
-
-
-def _are_finite(values: pa.Array) -> bool:
-    """Tell whether all numbers are finite and below 2**63."""
-    numbers = np.from_dlpack(values.drop_null())
-    return bool((np.abs(numbers) < 2.0**63).all())
 
 
 def _as_array(values: pa.ChunkedArray) -> Any:
@@ -321,10 +316,7 @@ def _flatten(table: pa.Table) -> pa.Table:
 
 def _make_rows(table: pa.Table) -> list[TrialResult]:
     """Return the rows of a table with dotted columns as objects."""
-    columns = {}
-    for name, values in zip(table.column_names, table.columns, strict=True):
-        columns[name] = values.to_pylist()
-    return _make_records(TrialResult, columns, "")
+    return _make_records(TrialResult, table.to_pydict(), "")
 
 
 def _make_records(

@@ -198,12 +198,6 @@ def try_planner(run: RunConfig, goal: Pose2D, logs: Path) -> Attempt:
                 return Attempt(problems=[f"it {process.end}; {reason}"])
     if not graph.endpoints:
         return Attempt(problems=[f"it started no ROS node in {_JOIN_LIMIT_S:g} s"])
-    _judge_topics(attempt)
-    return attempt
-
-
-def _judge_topics(attempt: Attempt) -> None:
-    """Store a problem if a planner sends no commands, or listens to /tf in vain."""
     if not attempt.topics["cmd_vel"]:
         attempt.problems.append("it has no publisher of Twist or TwistStamped")
     if attempt.topics["tf"] and find_message_class(TF.type_name) is None:
@@ -211,6 +205,7 @@ def _judge_topics(attempt: Attempt) -> None:
             "it listens to /tf, which is off without tf2_msgs: make install builds that if"
             " there is a C++ compiler, and a full installation of ROS 2 has it"
         )
+    return attempt
 
 
 def _check_inputs(attempt: Attempt, graph: Graph, node: Node) -> None:

@@ -66,20 +66,17 @@ class GraphView:
         for topic, _ in self._node.get_topic_names_and_types():
             publishers += self.publishers(topic)
             subscriptions += self.subscriptions(topic)
-        return Graph(publishers, subscriptions, self._actions())
-
-    def nodes(self) -> set[str]:
-        """Return full names of live nodes that have endpoints, "" for unknown ones."""
-        return {endpoint.node for endpoint in self.graph().endpoints}
-
-    def _actions(self) -> list[tuple[str, str]]:
-        """Return name and type of each action server, by its service for goals."""
+        # An action server is known by its service for goals.
         actions = []
         for name, kinds in self._node.get_service_names_and_types():
             if name.endswith(_SEND_GOAL):
                 action = name.removesuffix(_SEND_GOAL)
                 actions += [(action, kind.removesuffix("_SendGoal")) for kind in kinds]
-        return actions
+        return Graph(publishers, subscriptions, actions)
+
+    def nodes(self) -> set[str]:
+        """Return full names of live nodes that have endpoints, "" for unknown ones."""
+        return {endpoint.node for endpoint in self.graph().endpoints}
 
     def publishers(self, topic: str) -> list[Endpoint]:
         """Return the publishers on a topic, given in full, of other live processes."""

@@ -324,7 +324,6 @@ class ObservedQueue(TrialQueue):
         # The longest time without a reading so far.
         self.longest_gap_ns = 0
         self._system = system
-        self._arrival_ns = 0
         # Stamps so far, and since then those that do not fit, if any.
         self._stamps: StampSeries | None = None
         self._wrong: StampSeries | None = None
@@ -348,10 +347,9 @@ class ObservedQueue(TrialQueue):
         stamp_ns = self._read_time(pose)
         if self._stamps is None:
             self._stamps = StampSeries(stamp_ns, pose.sent_ns)
-            self._arrival_ns = pose.sent_ns
             return True
         step_ns = stamp_ns - self.now_ns
-        arrival_step_ns = pose.sent_ns - self._arrival_ns
+        arrival_step_ns = pose.sent_ns - self._stamps.last_arrival_ns
         if self._stamps.extend(stamp_ns, pose.sent_ns):
             gap_ns = step_ns
             # A wrong stamp before may have hidden that the clock was set a little.
@@ -359,7 +357,6 @@ class ObservedQueue(TrialQueue):
                 gap_ns = max(step_ns, arrival_step_ns)
             self.longest_gap_ns = max(self.longest_gap_ns, gap_ns)
             self._wrong = None
-            self._arrival_ns = pose.sent_ns
             return True
         if self._wrong is None or not self._wrong.extend(stamp_ns, pose.sent_ns):
             self._wrong = StampSeries(stamp_ns, pose.sent_ns)

@@ -84,23 +84,20 @@ class Recording:
                 continue
             # The profile of the first look counts, for topics of the judge as well.
             profile = self._profiles.setdefault(topic, common_profile(infos))
-            if topic not in finished:
-                self._subscribe(topic, types[0], profile, judged=is_required)
-
-    def _subscribe(
-        self, topic: str, type_name: str, profile: Qos, *, judged: bool
-    ) -> None:
-        """Register a topic's type and subscribe, or log why not and never try again."""
-        obstacle = register_type(type_name)
-        if not obstacle and not self._subscriber.subscribe(
-            topic, type_name, profile, judged=judged
-        ):
-            obstacle = f"{type_name} is not installed"
-        if obstacle:
-            self._refused.add(topic)
-            self._node.get_logger().warning(
-                f"{topic} is not recorded: its type {obstacle}"
-            )
+            if topic in finished:
+                continue
+            (type_name,) = types
+            obstacle = register_type(type_name)
+            if not obstacle and not self._subscriber.subscribe(
+                topic, type_name, profile, judged=is_required
+            ):
+                obstacle = f"{type_name} is not installed"
+            if obstacle:
+                # Logged once, and never tried again.
+                self._refused.add(topic)
+                self._node.get_logger().warning(
+                    f"{topic} is not recorded: its type {obstacle}"
+                )
 
     def begin(self, recorder: Recorder, stamp_ns: int) -> None:
         """Write the last message of each latched topic to a new bag, at `stamp_ns`.

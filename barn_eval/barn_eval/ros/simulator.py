@@ -271,7 +271,7 @@ class SimulatorClient:
         deadline_s = self._loop.now_s + self._patience.connection_s
         while True:
             # To pause once more changes nothing, and the answer tells the connections.
-            status = self._pause(True)
+            status = self.pause()
             scans = status.get("scan_subscriptions", math.inf)
             commands = status.get("command_publishers", math.inf)
             if scans >= scan_subscriptions and commands >= command_publishers:
@@ -282,14 +282,14 @@ class SimulatorClient:
 
     def release(self) -> None:
         """Unpause the simulator: simulated time runs from now on."""
-        self._pause(False)
+        self.pause(on=False)
 
-    def pause(self) -> dict[str, int]:
-        """Pause the simulator; return numbers of its status by name, or {}."""
-        return self._pause(True)
+    def pause(self, *, on: bool = True) -> dict[str, int]:
+        """Pause or unpause the simulator; return numbers of its status by name, or {}.
 
-    def _pause(self, on: bool) -> dict[str, int]:
-        """Pause or unpause the simulator; return numbers of its status, or {}."""
+        Args:
+            on: Whether time stops.
+        """
         return _read_status(self._ask("pause", self._patience.service_s, on=on))
 
     def _ask(self, action: str, limit_s: float, **content: object) -> str:

@@ -268,12 +268,11 @@ class RosTrial:
         patience = context.config.patience
         simulator = context.simulator
         planner = context.planner
+        simulator_limit_s = patience.simulator_s
+        planner_limit_s = patience.gate_s
         if self._first:
             simulator_limit_s = patience.start_s
             planner_limit_s = patience.start_s
-        else:
-            simulator_limit_s = patience.simulator_s
-            planner_limit_s = patience.gate_s
 
         reset_ns = simulator.prepare(self._spec, simulator_limit_s)
         planner.await_node(planner_limit_s)

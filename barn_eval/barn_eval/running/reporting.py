@@ -326,11 +326,10 @@ def format_duration(duration_s: float) -> str:
 
 def describe_end(result: TrialResult) -> str:
     """Return a trial's time or outcome in words, with remarks on its machine."""
+    end = result.outcome.value
     if result.scores.success:
         end = f"success in {result.scores.traversal_time_s:.2f} s"
     elif result.detail:
-        end = f"{result.outcome.value} ({result.detail})"
-    else:
-        end = result.outcome.value
+        end = f"{end} ({result.detail})"
     remarks = (end, result.wall_clock.remark, result.wall_clock.retry_note)
     return ", ".join(filter(None, remarks))

@@ -17,7 +17,6 @@ from barn_eval.running.command_files import hash_command_files
 from barn_eval.running.planner_choices import apply_parameters, split_command
 from barn_eval.running.request import SCHEMA_VERSION, RunRequest
 from barn_eval.running.setting_folders import LATENCY, format_setting_value
-from barn_eval.trials.run_config import PlannerChoice
 from barn_worlds.base.errors import ConfigError, format_value, suggest
 from barn_worlds.base.files import (
     dump_yaml,
@@ -233,7 +232,14 @@ def make_setting(base: RunRequest, values: Mapping[str, Any], name: str) -> Sett
     if planner.command:
         copy = base.out / PARAMETERS / f"{name}.yaml"
         command, files = change_command(planner.command, values, copy)
-        planner = _with_command(planner, command, files)
+        # The content is hashed, not the file: before the run starts it does not exist,
+        # and when the run resumes it does.
+        hashes = {
+            str(path): hashlib.sha256(content).hexdigest()
+            for path, content in files.items()
+        }
+        files_by_name = hash_command_files(split_command(command)) | hashes
+        planner = replace(planner, command=command, files=files_by_name)
     else:
         (planner,) = apply_parameters([planner], values, "")
     config = replace(base.config, planners=(planner, *others))
@@ -324,23 +330,6 @@ def parse_sweep(texts: Sequence[str]) -> Sweep:
             )
         sweep[key] = values
     return sweep
-
-
-def _with_command(
-    planner: PlannerChoice, command: str, files: Mapping[Path, bytes]
-) -> PlannerChoice:
-    """Return a planner with another command and SHA-256 of the files it names.
-
-    `files` has the content of those that are not written yet.
-    """
-    # The content is hashed, not the file: before the run starts it does not exist, and
-    # when the run resumes it does.
-    hashes = {
-        str(path): hashlib.sha256(content).hexdigest()
-        for path, content in files.items()
-    }
-    files_by_name = hash_command_files(split_command(command)) | hashes
-    return replace(planner, command=command, files=files_by_name)
 
 
 def _make_delayed(base: RunRequest, delay_s: float) -> Setting:

@@ -233,19 +233,17 @@ def _run_direct(
 
 def _measure_simulator(spec: TrialSpec) -> Iterator[Measurement]:
     """Yield the simulator's speed, static and movable obstacles, driving in a circle."""
+    # Around a circle.
+    commands = [Velocity2D(0.3, 1.0)] * _SIMULATOR_CYCLES
     for name, movable in (("static", False), ("movable", True)):
         obstacles = replace(spec.simulator.obstacles, movable=movable)
         config = replace(spec.simulator, obstacles=obstacles)
         with closing(Simulator(spec.world, config, spec.course.start, 0)) as simulator:
-            processor_s = _time(lambda: _drive_in_circle(simulator))
+            processor_s = _time(
+                lambda: [simulator.step(command) for command in commands]
+            )
         factor = _SIMULATOR_CYCLES * config.control_period_s / processor_s
         yield Measurement(f"simulator alone, {name} obstacles", factor, _REAL_TIME)
-
-
-def _drive_in_circle(simulator: Simulator) -> None:
-    """Step a simulator through 200 control periods at 0.3 m/s and 1 rad/s."""
-    for _ in range(_SIMULATOR_CYCLES):
-        simulator.step(Velocity2D(0.3, 1.0))
 
 
 def _measure_environments(dataset: str) -> Iterator[Measurement]:

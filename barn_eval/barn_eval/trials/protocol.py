@@ -329,20 +329,16 @@ class Protocol(Checked):
         if not world.path_length_m:
             return Course(start, goal, None, start.distance(goal), None)
         optimal_s = reference_m / self.reference_speed_mps
+        left, bottom, right, top = world.bounds_m
+        edge_m = self.edge_m
         return Course(
             start,
             goal,
             world.path_length_m,
             reference_m,
             optimal_s,
-            self._bounds_m(world),
+            (left - edge_m, bottom - edge_m, right + edge_m, top + edge_m),
         )
-
-    def _bounds_m(self, world: World) -> tuple[float, float, float, float]:
-        """Return x_min, y_min, x_max, y_max of the world in m, `edge_m` wider on each side."""
-        left, bottom, right, top = world.bounds_m
-        edge_m = self.edge_m
-        return left - edge_m, bottom - edge_m, right + edge_m, top + edge_m
 
     def scaled_to(self, world: World, chassis: Chassis) -> "Protocol":
         """Return the protocol scaled to a robot's cells; on own courses, arrival only.

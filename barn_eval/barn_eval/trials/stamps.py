@@ -19,7 +19,7 @@ class StampSeries:
     def __init__(self, stamp_ns: int, arrival_ns: int):
         """Begin with one stamp."""
         self._first_ns = self._last_ns = stamp_ns
-        self._first_arrival_ns = self._last_arrival_ns = arrival_ns
+        self._first_arrival_ns = self.last_arrival_ns = arrival_ns
 
     @property
     def shows_clock(self) -> bool:
@@ -28,15 +28,15 @@ class StampSeries:
 
     def extend(self, stamp_ns: int, arrival_ns: int) -> bool:
         """Add a stamp if it fits those before; return whether it does."""
-        arrived_ns = max(self._last_arrival_ns - self._first_arrival_ns, _TOLERANCE_NS)
+        arrived_ns = max(self.last_arrival_ns - self._first_arrival_ns, _TOLERANCE_NS)
         # A simulator may be faster than real time. Stamps may also arrive late.
         pace = max(1.0, (self._last_ns - self._first_ns) / arrived_ns)
-        most_ns = _TOLERANCE_NS + 2.0 * pace * (arrival_ns - self._last_arrival_ns)
+        most_ns = _TOLERANCE_NS + 2.0 * pace * (arrival_ns - self.last_arrival_ns)
         step_ns = stamp_ns - self._last_ns
         if not 0 <= step_ns <= min(most_ns, _LONGEST_GAP_NS):
             return False
         self._last_ns = stamp_ns
-        self._last_arrival_ns = arrival_ns
+        self.last_arrival_ns = arrival_ns
         return True
 
 

@@ -77,10 +77,7 @@ def check_folder(folder: Path, *, sample: int | None = None) -> FolderCheck:
     Raises:
         BarnError: If the folder's run.json cannot be read.
     """
-    run_file = RunFile.read(folder)
-    config = run_file.run_config()
-    check_protocol_name(config.protocol, f"{run_file.path}: ")
-    return _Checker(folder, run_file, config).check(sample)
+    return _Checker(folder).check(sample)
 
 
 def describe_other_task(run_file: RunFile, config: RunConfig) -> str:
@@ -102,19 +99,24 @@ def describe_other_task(run_file: RunFile, config: RunConfig) -> str:
 class _Checker:
     """Checks one folder and collects its problems."""
 
-    def __init__(self, folder: Path, run_file: RunFile, config: RunConfig):
-        """Make the run's trials and read their worlds, but no row yet."""
+    def __init__(self, folder: Path):
+        """Read run.json, make the run's trials and read their worlds, but no row yet.
+
+        Raises:
+            BarnError: If run.json cannot be read.
+        """
         self._folder = folder
-        self._run_file = run_file
-        self._config = config
+        self._run_file = RunFile.read(folder)
+        self._config = self._run_file.run_config()
+        check_protocol_name(self._config.protocol, f"{self._run_file.path}: ")
         self._parser = RowParser(folder)
         self._result = FolderCheck()
         self._specs = {spec.trial_id: spec for spec in self._read_specs()}
         # The trials of a run have one task. If an older run.json has another, an earlier
         # version drove them, possibly with other results. What a row states about
         # itself does not count.
-        self._other_task = describe_other_task(run_file, config)
-        self._is_older = self._other_task != "" and _is_older(run_file)
+        self._other_task = describe_other_task(self._run_file, self._config)
+        self._is_older = self._other_task != "" and _is_older(self._run_file)
 
     def check(self, sample: int | None) -> FolderCheck:
         """Check the whole folder and return the result; call it only once.

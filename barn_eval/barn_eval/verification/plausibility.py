@@ -246,7 +246,7 @@ def compare_with_track(
     if abs(end_s - duration_s) > step["time"]:
         yield f"lasted {end_s:.2f} s in the track, {duration_s:.2f} s in the row"
 
-    yield from _compare_sums(row, track)
+    yield from _compare_sums(row, track, step)
 
     # Clearances measured by scans do not follow from poses.
     gaps = np.empty(0)
@@ -262,13 +262,15 @@ def compare_with_track(
     yield from _compare_ends(row, spec, track)
 
 
-def _compare_sums(row: TrialResult, track: Track) -> Iterator[str]:
+def _compare_sums(
+    row: TrialResult, track: Track, step: Mapping[str, float]
+) -> Iterator[str]:
     """Yield a problem for each sum or mean in a row that its track does not allow.
 
-    A sample has the smallest clearance, and any contact, since the previous one.
+    A sample has the smallest clearance, and any contact, since the previous one. `step`
+    is the rounding of each channel.
     """
     measures = row.measures
-    step = dict(zip(CHANNELS, track.steps.tolist(), strict=True))
     channel = dict(zip(CHANNELS, track.samples.T, strict=True))
     periods_s = np.diff(channel["time"], prepend=channel["time"][0])
     slack_s = step["time"] * len(periods_s)

@@ -104,11 +104,10 @@ class ChartData:
     @property
     def looks(self) -> list[dict[str, Any]]:
         """Color, marker and label of each entry, as keyword arguments of matplotlib."""
-        looks = []
-        for entry, number in zip(self.entries, self.look_numbers, strict=True):
-            look = {"color": entry.color, "marker": MARKERS[number]}
-            looks.append(look | {"label": entry.label})
-        return looks
+        return [
+            {"color": entry.color, "marker": MARKERS[number], "label": entry.label}
+            for entry, number in zip(self.entries, self.look_numbers, strict=True)
+        ]
 
     @property
     def dashes(self) -> list[Any]:
@@ -118,8 +117,7 @@ class ChartData:
     @property
     def difference_measures(self) -> list[Measure]:
         """Ranking measure, success and time per meter, each once."""
-        ranking_key = ranking_measure(self.entries[0].results).key
-        keys = (ranking_key, "success", TIME.key)
+        keys = (ranking_measure(self.entries[0].results).key, "success", TIME.key)
         return [MEASURES[key] for key in dict.fromkeys(keys)]
 
     @property

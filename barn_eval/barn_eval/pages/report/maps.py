@@ -71,9 +71,8 @@ def order_by_contrast(entries: Sequence[Entry], order: WorldOrder) -> list[int]:
         return float(np.nan_to_num(np.ptp(means)))
 
     # Of equal worlds the first stays first.
-    worlds = list(order.worlds[::-1])
-    worlds.sort(key=contrast, reverse=True)
-    return worlds
+    hardest_first = order.worlds[::-1]
+    return sorted(hardest_first, key=contrast, reverse=True)
 
 
 def select_worlds(

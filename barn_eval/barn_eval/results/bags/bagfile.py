@@ -258,10 +258,7 @@ class BagFile:
     @cached_property
     def types(self) -> dict[str, str]:
         """Type of each topic, "" if not CDR; reads the whole bag, or up to damage."""
-        types = {}
-        for message in self._messages():
-            types[message.topic] = message.type_name
-        return types
+        return {message.topic: message.type_name for message in self._messages()}
 
     def messages(self, topics: Collection[str] = ()) -> Iterator[RawMessage]:
         """Yield messages of `topics`, or all, to damage or 512 MiB; BagError if unreadable.

@@ -1,7 +1,7 @@
 """Read a trial from a bag into arrays on one time line."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from operator import attrgetter, itemgetter
@@ -181,7 +181,9 @@ def read_recorded_trial(path: Path, sources: Sources = NO_SOURCES) -> RecordedTr
     chassis, robot_note = decode.chassis_of(trial)
 
     # Odometry drifts relative to the obstacles, so these are only drawn with true poses.
+    pose_note = ""
     if not truth:
+        pose_note = "no /ground_truth/odom: positions are from the odometry"
         items |= {topics.WORLD: [], topics.MOVING_POSES: []}
     scene, pushed_m = _read_scene(items[topics.WORLD])
     moving, moving_note = _read_motions(items)
@@ -205,7 +207,16 @@ def read_recorded_trial(path: Path, sources: Sources = NO_SOURCES) -> RecordedTr
             unreadable["scene"] = "obstacles are the occupied cells of the bag's map"
 
     notes = [bag.problem, *unreadable.values(), moving_note, lidar_note, robot_note]
-    notes += _list_gaps(bool(truth), map_frame, result)
+    notes.append(pose_note)
+    if map_frame != ORIGIN:
+        notes.append(
+            "map and plan are drawn where the obstacles stand, which is"
+            f" {math.hypot(map_frame.x, map_frame.y):.2f} m off in the planner's map"
+        )
+    if not result:
+        notes.append(
+            "the bag holds no result: its trial was not finished, or not the suite's"
+        )
     if not items[topics.COLLISION]:
         notes.append("contacts are unknown: the bag has no topic that reports them")
 
@@ -252,24 +263,6 @@ def read_recorded_trial(path: Path, sources: Sources = NO_SOURCES) -> RecordedTr
         result=result,
         notes=tuple(note for note in notes if note),
     )
-
-
-def _list_gaps(
-    has_truth: bool, map_frame: Pose2D, result: dict[str, Any]
-) -> Iterator[str]:
-    """Yield a note each if true poses are missing, the map is shifted, or no result is.
-
-    These notes are for viewers.
-    """
-    if not has_truth:
-        yield "no /ground_truth/odom: positions are from the odometry"
-    if map_frame != ORIGIN:
-        yield (
-            "map and plan are drawn where the obstacles stand, which is"
-            f" {math.hypot(map_frame.x, map_frame.y):.2f} m off in the planner's map"
-        )
-    if not result:
-        yield "the bag holds no result: its trial was not finished, or not the suite's"
 
 
 def _read_items(

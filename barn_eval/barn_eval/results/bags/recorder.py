@@ -189,10 +189,7 @@ class Recorder:
         """
         texts = {}
         for key, value in content.items():
-            if isinstance(value, str):
-                texts[key] = value
-            else:
-                texts[key] = json.dumps(value)
+            texts[key] = value if isinstance(value, str) else json.dumps(value)
             self._custom_data[f"{name}.{key}"] = texts[key]
         with self._convert_errors():
             self._writer.add_metadata(name, texts)

@@ -338,7 +338,7 @@ def _stand_by(second: int) -> int:
         signal.signal(number, signal.SIG_IGN)
     os.waitpid(second, 0)
     while pids := _living_descendants():
-        _signal_all(pids, signal.SIGKILL)
+        signal_all(pids, signal.SIGKILL)
         time.sleep(0.01)
     return 0
 
@@ -454,7 +454,7 @@ class _Launcher:
                 os.killpg(child.pid, number)
             if number != signal.SIGINT:
                 # Those that have left the command's process group, too.
-                _signal_all(descendants, number)
+                signal_all(descendants, number)
 
             signal_s = time.monotonic()
             while _reap_and_list(child) and (not hurried or number == signal.SIGKILL):
@@ -546,8 +546,13 @@ def _print(data: bytes) -> None:
             data = data[os.write(sys.stdout.fileno(), data) :]
 
 
-def _signal_all(pids: list[int], number: int) -> None:
-    """Send signal `number` to each PID; those that have ended are skipped."""
+def signal_all(pids: list[int], number: int) -> None:
+    """Send signal `number` to each PID; those that have ended are skipped.
+
+    Args:
+        pids: Processes.
+        number: The signal.
+    """
     for pid in pids:
         with suppress(ProcessLookupError):
             os.kill(pid, number)

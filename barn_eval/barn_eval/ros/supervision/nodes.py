@@ -73,7 +73,10 @@ class NodeProcess:
             path.write_text(dump_yaml(content), "utf-8")
         return [
             *self.command,
-            *["--ros-args", *self.arguments, "--params-file", str(path)],
+            "--ros-args",
+            *self.arguments,
+            "--params-file",
+            str(path),
         ]
 
     def variables(self, inherited: Mapping[str, str], folder: Path) -> dict[str, str]:

@@ -226,9 +226,7 @@ class SupervisedProcess:
         # A process may start another one between the look and the signal, so look
         # until there is none.
         while pids := _find_marked(self._mark):
-            for pid in pids:
-                with suppress(ProcessLookupError):
-                    os.kill(pid, signal.SIGKILL)
+            launcher.signal_all(pids, signal.SIGKILL)
             time.sleep(0.01)
         self.end = "was lost with its launcher"
         self.lost = True

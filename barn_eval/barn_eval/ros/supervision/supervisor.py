@@ -35,7 +35,7 @@ from barn_eval.trials.result import (
     Verdict,
     from_json_line,
 )
-from barn_eval.trials.run_config import PlannerChoice, RunConfig
+from barn_eval.trials.run_config import RunConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import TrajectoryLog
 from barn_eval.trials.trial import finish_trial, signal_handler
@@ -161,7 +161,11 @@ class _Supervisor:
             SIMULATOR: nodes.simulator(self.config.ros, line, self._robot),
             PLANNER: self._planner_of_next_trial(),
         }
-        _copy_planner_files(planner, self.logs)
+        # Names of the copies begin with a part of the hash.
+        for text, digest in planner.files.items():
+            path = Path(text)
+            if path.is_file() and path.stat().st_size <= _MAX_COPY_BYTES:
+                shutil.copyfile(path, self.logs / f"{digest[:12]}_{path.name}")
 
     def run(self) -> Iterator[TrialRecord]:
         """Start, watch and replace the processes; yield a record as each trial ends."""
@@ -400,7 +404,12 @@ class _Supervisor:
             if self._isolated and may_retry:
                 self._repeat(reason)
             else:
-                yield self._record(self._interference(reason), "", "")
+                detail = f"{reason}; {PLANNER_SUSPECTED}"
+                verdict = Verdict(Outcome.INTERFERENCE, detail, None, 0.0, 0.0)
+                trajectory = TrajectoryLog().trajectory()
+                spec = self._remaining[self._trial]
+                finished = finish_trial(spec, "ros", verdict, trajectory)
+                yield self._record(finished.result, "", "")
         elif not may_retry:
             raise ProcessError(
                 f"{reason}, {_MAX_LOST_EVALUATORS} times in a row;"
@@ -414,30 +423,10 @@ class _Supervisor:
             if name not in self._processes:
                 self._schedule_start(name)
 
-    def _interference(self, reason: str) -> TrialResult:
-        """Return the trial in progress as a result with outcome INTERFERENCE."""
-        verdict = Verdict(
-            Outcome.INTERFERENCE, f"{reason}; {PLANNER_SUSPECTED}", None, 0.0, 0.0
-        )
-        return finish_trial(
-            self._remaining[self._trial], "ros", verdict, TrajectoryLog().trajectory()
-        ).result
-
     def _schedule_start(self, name: str) -> None:
         """Plan a process's start, 1 s or more after its last; start nothing."""
         if name not in self._due_s:
             self._due_s[name] = self._started_s.get(name, -math.inf) + _START_PERIOD_S
-
-
-def _copy_planner_files(planner: PlannerChoice, logs: Path) -> None:
-    """Copy the files of up to 1 MiB that a planner's command names to the logs.
-
-    Their names begin with a part of their hash.
-    """
-    for text, digest in planner.files.items():
-        path = Path(text)
-        if path.is_file() and path.stat().st_size <= _MAX_COPY_BYTES:
-            shutil.copyfile(path, logs / f"{digest[:12]}_{path.name}")
 
 
 def _exit(number: int, _frame: FrameType | None) -> None:
