@@ -305,8 +305,8 @@ def _read_track(content: Mapping[str, Any]) -> Track:
     )
     if not contact.size or not are_numbers:
         raise ValueError(
-            "there are no samples, or steps are not one number per channel, each at most"
-            f" {_LARGEST_STEP:g}"
+            "samples must not be empty, and steps must be one number per channel, each"
+            f" from {-_LARGEST_STEP:g} to {_LARGEST_STEP:g}"
         )
 
     differences = samples.reshape(len(CHANNELS), -1)

@@ -48,7 +48,7 @@ class JudgeOptions(Checked):
     world: str = quantity(
         "",
         "number of the world, one for all bags or one for each, such as 0,30,60; by"
-        " default read from the suite's bag or its name, otherwise unknown",
+        " default read from a bag of the suite or the bag's name, otherwise unknown",
     )
     dataset: str = quantity(
         "",

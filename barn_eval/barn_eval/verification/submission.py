@@ -338,5 +338,5 @@ def _read_member(archive: zipfile.ZipFile, name: str) -> bytes:
     with archive.open(name) as file:
         content = file.read(size + 1)
     if len(content) != size:
-        raise ValueError(f"{name} does not have the {size} bytes that it states")
+        raise ValueError(f"{name} does not unpack to its declared {size} bytes")
     return content

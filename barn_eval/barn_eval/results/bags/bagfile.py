@@ -226,7 +226,7 @@ def unpack_chunk(chunk: Chunk) -> bytes:
     elif chunk.compression == "lz4":
         data = LZ4FrameDecompressor().decompress(data, max_length=size + 1)
     if len(data) != size:
-        raise ValueError(f"a chunk that does not have the {size} bytes that it states")
+        raise ValueError(f"a chunk that does not unpack to its declared {size} bytes")
     if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
         raise ValueError("a chunk with a wrong checksum")
     return data
