@@ -241,7 +241,7 @@ def _is_beyond(need: Need, available: int) -> bool:
 
 
 def _make_pair_figure(results: RowsByPlanner, measure: Measure) -> Figure:
-    """Return the mean difference over two planners' common trials; BarnError if none."""
+    """Return the mean of first minus second planner in common trials, or BarnError."""
     (a, rows_a), (b, rows_b) = results.items()
     # Between different tasks, worlds would not explain the differences.
     require_pairs(rows_a, rows_b)

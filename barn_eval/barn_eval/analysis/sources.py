@@ -316,7 +316,7 @@ def select_planners(
 def read_worlds(
     results: Iterable[tuple[TrialResult, Source]],
 ) -> dict[str, World | str]:
-    """Load the worlds of results; return by checksum each world, or why it is missing.
+    """Return by checksum the world, or why it is missing, for the first result with it.
 
     Args:
         results: Results, each with its folder.

@@ -241,7 +241,7 @@ def execute(
     view: bool = False,
     show_all: bool = False,
 ) -> int:
-    """Run a request's missing trials, print all results and return the exit code.
+    """Run missing trials, print all results, return the exit code; re-raise Ctrl-C.
 
     Args:
         request: The run and its folder.

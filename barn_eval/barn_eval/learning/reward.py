@@ -121,7 +121,7 @@ def reward_steps(
     shielded: Floats,
     rewards: Floats,
 ) -> None:
-    """Fill `rewards` for one step, without an end's; add a check's cost to `shielded`.
+    """Fill `rewards` of a step, not of an end; add a check's capped cost to `shielded`.
 
     Args:
         weights: As of `reward_weights`.

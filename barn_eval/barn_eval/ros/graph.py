@@ -87,7 +87,7 @@ class GraphView:
         return self._endpoints(topic, self._node.get_subscriptions_info_by_topic(topic))
 
     def clients_of(self, node_name: str) -> list[str]:
-        """Return sorted names of live nodes that have a client for a node's service.
+        """Return sorted names of others' live nodes that have a client for a node.
 
         Of nodes with one name, one of which may have died, DDS only tells apart the
         writers of requests.

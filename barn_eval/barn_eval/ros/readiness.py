@@ -345,17 +345,17 @@ class Watchdog:
         self,
         now_s: float,
         *,
-        moved: bool,
+        has_started: bool,
         simulated_s: float = 0.0,
         waited_s: float = 0.0,
     ) -> tuple[Outcome, str] | None:
-        """Return outcome and detail if simulator or planner hangs or lags, else None.
+        """Return outcome and detail if something hangs or takes too long, else None.
 
         Once a minute it also judges the pace of the planner, and begins anew.
 
         Args:
             now_s: The evaluator's time.
-            moved: Whether the robot has made its first motion.
+            has_started: Whether the robot has made its first motion.
             simulated_s: Simulated time of the trial so far.
             waited_s: Wall-clock time so far in which the planner owed an answer to a
                 scan.
@@ -373,7 +373,7 @@ class Watchdog:
         owes_command = self._last_tick_s > self._last_command_s
         if owes_command and now_s - self._last_command_s > patience.command_s:
             detail = f"no command for {patience.command_s:g} s of wall-clock time"
-            if moved:
+            if has_started:
                 return Outcome.PLANNER_STALLED, detail
             if self._commands == self._commands_before:
                 detail += ", none since the trial began"

@@ -433,7 +433,7 @@ class RosTrial:
             waited_s = self.adapter.waited_s
         fault = watchdog.judge(
             now_s,
-            moved=self.trial.referee.clock_started,
+            has_started=self.trial.referee.clock_started,
             simulated_s=simulated_s,
             waited_s=waited_s,
         )

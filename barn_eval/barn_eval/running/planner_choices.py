@@ -22,7 +22,7 @@ _SPEED_CAP = "max_speed_mps"
 def read_planners(
     entries: Any, commands: Sequence[str], where: str
 ) -> list[PlannerChoice]:
-    """Return planners of a list and commands, without both the default; or ConfigError.
+    """Return planners with commands set or added; the default if neither is given.
 
     Args:
         entries: Texts as in `read_planner` joined by commas, or a list of those,

@@ -68,7 +68,7 @@ class RunRequest:
 
     @property
     def dataset(self) -> Dataset:
-        """The data set that the worlds of the run are selected from."""
+        """The run's `worlds`, else the configured data set opened, or WorldError."""
         if self.worlds is None:
             return open_dataset(self.config.dataset)
         readers = {

@@ -262,7 +262,7 @@ def _fit(points_m: Points, targets_m: Points) -> Pose2D:
 def _standard_errors(
     covariance: Floats, centers_m: Points, returns: Integers
 ) -> Floats:
-    """Return each center's standard error (n,) relative to the seen ones, worst axis."""
+    """Return each center's standard error (n,), worst axis; seen ones fix the frame."""
     # The datum fixes shift and turn of the whole course, so they are projected out.
     x, y = centers_m.T
     motions = np.zeros((len(covariance), 3))

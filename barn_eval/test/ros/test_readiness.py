@@ -209,32 +209,32 @@ def test_each_silence_has_its_own_outcome():
         ({"commands": False}, 5.0, False, Outcome.NO_FIRST_MOTION),
         ({"commands": False}, 5.0, True, Outcome.PLANNER_STALLED),
     )
-    for missing, limit_s, moved, outcome in cases:
+    for missing, limit_s, has_started, outcome in cases:
         watch = Watchdog(PATIENCE, 100.0)
         quiet(watch, 101.0)
         quiet(watch, 101.0 + limit_s, **missing)
-        assert watch.judge(101.0 + limit_s, moved=moved) is None
+        assert watch.judge(101.0 + limit_s, has_started=has_started) is None
         quiet(watch, 101.1 + limit_s, **missing)
-        assert watch.judge(101.1 + limit_s, moved=moved)[0] is outcome
+        assert watch.judge(101.1 + limit_s, has_started=has_started)[0] is outcome
 
 
 def test_a_simulator_that_is_stuck_is_not_the_planners_silence():
     watch = Watchdog(WaitLimits(command_s=3.0, clock_s=5.0), 0.0)
     quiet(watch, 1.0)
     quiet(watch, 5.0, ticks=False, commands=False)
-    assert watch.judge(5.0, moved=True) is None
+    assert watch.judge(5.0, has_started=True) is None
     quiet(watch, 6.1, ticks=False, commands=False)
     verdict = (Outcome.SIMULATOR_DIED, "no tick of /clock for 5 s")
-    assert watch.judge(6.1, moved=True) == verdict
+    assert watch.judge(6.1, has_started=True) == verdict
 
 
 def test_a_trial_without_end():
     watch = Watchdog(PATIENCE, 0.0)
     quiet(watch, 60.0)
-    assert watch.judge(60.0, moved=True) is None
+    assert watch.judge(60.0, has_started=True) is None
     quiet(watch, 61.0)
     verdict = (Outcome.PLANNER_STALLED, "no verdict after 60 s of wall-clock time")
-    assert watch.judge(61.0, moved=True) == verdict
+    assert watch.judge(61.0, has_started=True) == verdict
 
 
 def test_a_planner_at_a_fifth_of_a_hertz_is_ended_after_a_minute():
@@ -246,7 +246,7 @@ def test_a_planner_at_a_fifth_of_a_hertz_is_ended_after_a_minute():
         now_s += 5.0
         quiet(watch, now_s)
         spent = {"simulated_s": 0.01 * now_s, "waited_s": now_s}
-        verdict = watch.judge(now_s, moved=True, **spent)
+        verdict = watch.judge(now_s, has_started=True, **spent)
     assert now_s == 60.0
     assert verdict == (
         Outcome.PLANNER_STALLED,
@@ -264,10 +264,10 @@ def test_a_slow_planner_or_a_slow_simulator_is_not_ended(pace, owed):
     for second in range(0, 600, 5):
         quiet(watch, float(second))
         spent = {"simulated_s": second * pace, "waited_s": second * owed}
-        assert watch.judge(float(second), moved=True, **spent) is None
+        assert watch.judge(float(second), has_started=True, **spent) is None
 
 
 def test_the_silence_of_a_planner_that_never_spoke_says_so():
     watch = Watchdog(PATIENCE, 0.0)
     quiet(watch, 5.5, commands=False)
-    assert watch.judge(5.5, moved=False)[1].endswith("none since the trial began")
+    assert watch.judge(5.5, has_started=False)[1].endswith("none since the trial began")

@@ -70,7 +70,7 @@ class Recovery:
         self._last_yaw: float | None = None
 
     def record_plan(self, stamp_ns: int) -> None:
-        """Restart the patience for plans, and the behaviors if a plan was missing.
+        """Restart patience for plans, and behaviors if a plan was missing; clear no flag.
 
         `active` stays as it is.
         """

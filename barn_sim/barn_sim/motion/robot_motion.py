@@ -188,7 +188,7 @@ class RobotMotion:
         return was_touched
 
     def advance(self, ticks: int) -> None:
-        """Advance by physics ticks, and draw the odometry's noise for them."""
+        """Advance by ticks, draw odometry noise, keep touches for `take_touch`."""
         while ticks:
             count = min(ticks, self._ticks_of_noise)
             self.draw_noise(count)

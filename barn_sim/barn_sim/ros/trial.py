@@ -92,7 +92,7 @@ class SimulatedTrial:
         self.published = False
 
     def due_readings(self) -> Iterator[OutgoingMessage]:
-        """Set `published`; yield clock and messages of sensors due now, scan last."""
+        """Set `published`; yield the clock, then what is due now, the scan last."""
         self.published = True
         simulator = self.simulator
         messages = self.messages

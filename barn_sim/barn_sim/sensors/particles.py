@@ -93,7 +93,7 @@ class ParticleLocalization:
     def estimate(
         self, stamp_ns: int, odometry: Pose2D, take_scan: Callable[[], Scan]
     ) -> Pose2D:
-        """Return the pose in the map frame; takes a scan if the robot moved enough.
+        """Return the pose in map; may take a scan, whose correction counts after a delay.
 
         Args:
             stamp_ns: Time since the start of the trial.

@@ -473,7 +473,7 @@ def _draw_trial(
 
 
 def _overlay_handles(trials: Sequence[DrivenTrial], by: str) -> list[Line2D]:
-    """Return legend entries: planners with counts of outcomes, then marks."""
+    """Return legend entries: planners with outcomes, marks, and contact if any."""
     handles = []
     for entry in dict.fromkeys(trial.entry for trial in trials):
         counts = Counter(t.result.outcome.words for t in trials if t.entry is entry)

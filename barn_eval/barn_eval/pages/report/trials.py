@@ -183,7 +183,7 @@ def page_data(
     trials: Sequence[DrivenTrial],
     keys: Sequence[str] = (),
 ) -> tuple[dict[str, Any], list[list[Any]]]:
-    """Return data for the report page's script, and a row of its table per trial.
+    """Return the page script's data and a row per trial; `keys` replace its measures.
 
     Args:
         entries: Planners of the report.

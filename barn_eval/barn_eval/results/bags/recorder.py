@@ -72,7 +72,7 @@ class Recorder:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Abandon the bag if it has not been finished."""
+        """Keep an unfinished bag under its partial name; BagError if it cannot."""
         self.abandon()
 
     def add_topic(
