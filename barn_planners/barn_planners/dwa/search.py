@@ -137,22 +137,30 @@ def _best_drive(
     work: _Work,
 ) -> tuple[int, float]:
     """Fill in promising forward rows; return best row and cost, (-1, inf) if none."""
+    bounds = np.empty(choice.drives)
+    for k in range(choice.drives):
+        row = table[k]
+        bounds[k] = _least_cost(ground.raster, path, goal, rules, row, work.start_cost)
+
+    # The sooner a cheap row is known, the fewer others are rolled out. The likely row
+    # comes first, then those of the lowest bounds.
+    if choice.likely < choice.drives:
+        bounds[choice.likely] = -math.inf
     best = -1
     best_cost = math.inf
-    for n in range(-1, choice.drives):
-        # The likely row first: its cost rules out most others.
-        k = n if n >= 0 else choice.likely
-        if k >= choice.drives or n == choice.likely:
+    for _ in range(choice.drives):
+        k = np.argmin(bounds)
+        bound = bounds[k]
+        bounds[k] = math.inf
+        # Of equal costs the first row of the table wins.
+        limit = best_cost if k < best else np.nextafter(best_cost, -math.inf)
+        if bound > best_cost:
+            break
+        if bound > limit:
             continue
 
-        row = table[k]
-        least = _least_cost(ground.raster, path, goal, rules, row, work.start_cost)
-        if best >= 0 and least > best_cost:
-            continue
-
-        # The likely row is out of order: of equal costs the first row wins.
-        cost = _cost(ground, path, goal, rules, row, best_cost, work)
-        if cost >= 0.0 and (cost < best_cost or k < best):
+        cost = _cost(ground, path, goal, rules, table[k], limit, work)
+        if cost >= 0.0:
             best = k
             best_cost = cost
 
