@@ -248,13 +248,15 @@ class Simulator:
 
     def read_joints(self) -> Joints:
         """Return angles (rad) and speeds (rad/s) of the wheels, left before right."""
-        robot = self._fleet.robots[self._index]
+        # A field of all robots first: NumPy takes four times as long for a field of one.
+        robots = self._fleet.robots
+        index = self._index
         model = self.motion.model
         # Wheels of one side turn alike: a chain or a common command drives them.
         axles = len(model.wheels) // 2
-        angles = (float(robot["left_rad"]), float(robot["right_rad"]))
-        left = float(robot["left_m_s"]) / model.wheel_radius_m
-        right = float(robot["right_m_s"]) / model.wheel_radius_m
+        angles = (float(robots["left_rad"][index]), float(robots["right_rad"][index]))
+        left = float(robots["left_m_s"][index]) / model.wheel_radius_m
+        right = float(robots["right_m_s"][index]) / model.wheel_radius_m
         return Joints(angles * axles, (left, right) * axles)
 
     def moved_obstacles(self) -> Moved:

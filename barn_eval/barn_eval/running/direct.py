@@ -24,7 +24,7 @@ from barn_eval.trials.trial import (
     finish_trial,
     processor_wait_s,
 )
-from barn_planners.interface import Observation, Planner, PlannerStatus
+from barn_planners.interface import Decision, Observation, Planner, PlannerStatus
 from barn_planners.registry import make_planner
 from barn_planners.runtime.planner_runtime import PlannerRuntime, RuntimeOutput
 from barn_sim.contact.scene import ScenePool
@@ -292,7 +292,9 @@ def _make_plain(answer: RuntimeOutput) -> RuntimeOutput:
         if plan is not None:
             plan = np.array(plan, np.float64)
         status = PlannerStatus(decision.status)
-        decision = replace(decision, status=status, plan=plan)
+        decision = Decision(
+            decision.command, status, decision.reason, plan, decision.diagnostics
+        )
     return RuntimeOutput(command, decision)
 
 

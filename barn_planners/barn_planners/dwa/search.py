@@ -149,7 +149,7 @@ def _best_drive(
     best = -1
     best_cost = math.inf
     for _ in range(choice.drives):
-        k = np.argmin(bounds)
+        k = int(np.argmin(bounds))
         bound = bounds[k]
         bounds[k] = math.inf
         # Of equal costs the first row of the table wins.

@@ -195,7 +195,7 @@ class Fleet(NamedTuple):
 
     def is_full(self, index: int) -> bool:
         """Tell whether the queue of a robot has no room for another command."""
-        return bool(self.robots[index]["pending"] == self.pending.shape[1])
+        return bool(self.robots["pending"][index] == self.pending.shape[1])
 
     def with_more_room(self) -> "Fleet":
         """Return a fleet with twice the room for commands; other arrays are shared."""

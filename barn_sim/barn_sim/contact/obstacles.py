@@ -288,6 +288,8 @@ class Obstacles:
             vertical, infinite for the others; and the others (m, 7). Hidden ones are
             left out.
         """
+        if self.undisturbed:
+            return self._visible_homes, _NOTHING_TILTED
         displaced = np.flatnonzero(self._displaced & ~self._hidden)
         if not len(displaced):
             return self._visible_homes, _NOTHING_TILTED
