@@ -37,6 +37,8 @@ _WITHOUT_OBSTACLES = re.compile(
     r"(.*/)?(sun|ground[ _]plane)(/(\d+|tip))?(/files/model\.sdf)?/?", re.IGNORECASE
 )
 
+_NO_BITS = re.compile(r"\s*(0x)?0+\s*", re.IGNORECASE)
+
 
 class GazeboFile:
     """The content of a Gazebo world file.
@@ -326,7 +328,8 @@ def _read_collision(
 ) -> Iterator[tuple[float, float, float]]:
     """Yield x, y, radius of a cylinder, nothing for plane or empty; else WorldError.
 
-    Raises WorldError for other shapes and for cylinders that robots would not meet.
+    Shapes without contact bits yield nothing: robots drive through them. WorldError for
+    other shapes and for cylinders that robots would not meet.
 
     Args:
         collision: The element.
@@ -334,6 +337,10 @@ def _read_collision(
         scale: Factor on the radius.
         where: Path of the file and name of the model, to begin messages with.
     """
+    bits = collision.findtext("surface/contact/collide_bitmask", "65535")
+    category_bits = collision.findtext("surface/contact/category_bitmask", bits)
+    if _NO_BITS.fullmatch(bits) and _NO_BITS.fullmatch(category_bits):
+        return
     shapes = collision.findall("geometry/*")
     kinds = [str(shape.tag) for shape in shapes]
     if kinds in (["plane"], ["empty"]):

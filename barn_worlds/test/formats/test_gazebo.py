@@ -198,7 +198,7 @@ HALL = "<frame name='hall'><pose>2 4 0 0 0 {}</pose></frame>"
         ],
         [
             "<model name='o'><pose>3 4 0 0 0 1.570796327</pose><model name='m'>"
-            f"<link name='l'/><frame name='f'/>{LINK}</model></model>"
+            f"<link name='k'/><frame name='f'/>{LINK}</model></model>"
         ],
         # The defaults written out, and a tilt as physics leaves it.
         [
@@ -211,6 +211,16 @@ HALL = "<frame name='hall'><pose>2 4 0 0 0 {}</pose></frame>"
 )
 def test_poses_follow_the_frames_of_sdf(parts):
     assert centers_in(*parts) == [TURNED]
+
+
+def test_robots_drive_through_shapes_without_contact_bits():
+    contact = "<surface><contact><collide_bitmask>0x00</collide_bitmask>{}</contact></surface>"
+    no_bits = CYLINDER.format(contact.format(""))
+    one_bit = CYLINDER.format(contact.format("<category_bitmask>1</category_bitmask>"))
+    for collision, expected in ((no_bits, []), (one_bit, [[0.0, 0.0]])):
+        link = f"<link name='k'>{collision}</link>"
+        centers = centers_in(f"<model name='m'>{link}{LINK}</model>")
+        assert centers == [*expected, [1.0, 0.0]]
 
 
 def test_a_saved_world_is_as_gazebo_shows_it_after_loading():
@@ -357,8 +367,10 @@ EXTERNAL = b'<!DOCTYPE x [<!ENTITY f SYSTEM "file:///etc/passwd">]><sdf><world>&
             "included model 'model://house' is unknown",
         ),
         (document("<actor name='a'/>"), "<actor> cannot be part"),
+        (document(model(), model()), "model 'm' has the name of another element"),
+        (document(model(inside="<frame name='l'/>")), "model 'm': frame 'l' has the"),
         (
-            document(model(), model(radius="0.08")),
+            document(model(), model("n", radius="0.08")),
             "must have the same radius, got 0.075 m and 0.08 m",
         ),
         (
@@ -366,20 +378,20 @@ EXTERNAL = b'<!DOCTYPE x [<!ENTITY f SYSTEM "file:///etc/passwd">]><sdf><world>&
             r"cylinder at \[-0.2, 5.325\] m is not on the grid of 0.15 m",
         ),
         (
-            document(model(), model(pose="0.075 5.325 0 0 0 0")),
+            document(model(), model("n", pose="0.075 5.325 0 0 0 0")),
             r"\[0.075, 5.325\] m is not on the grid",
         ),
         (document(model(pose="-0.225 5.4 0 0 0 0")), "is not on the grid"),
         (document(model(pose="-99999 5.325 0 0 0 0")), "is too far out"),
-        (document(model(), model(pose="-0.225 99999 0 0 0 0")), "is too far out"),
+        (document(model(), model("n", pose="-0.225 99999 0 0 0 0")), "is too far out"),
         (
             document(
-                model(pose="-0.375 5.325 0 0 0 0"), model(pose="-0.225 3.075 0 0 0 0")
+                model("n", "-0.375 5.325 0 0 0 0"), model(pose="-0.225 3.075 0 0 0 0")
             ),
             r"stands at \[-0.225, 3.075\] m, in front of the field",
         ),
         (
-            document(model(), model(pose="-0.075 0.075 0 0 0 0")),
+            document(model(), model("n", pose="-0.075 0.075 0 0 0 0")),
             "of the containment is missing at",
         ),
     ],
