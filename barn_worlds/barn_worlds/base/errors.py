@@ -5,6 +5,7 @@ import logging
 import multiprocessing
 import re
 import reprlib
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from enum import IntEnum
@@ -137,6 +138,11 @@ def note(text: str) -> None:
     """
     if multiprocessing.parent_process() is None:
         logger.warning("%s", text)
+
+
+def find_duplicates(names: Iterable[Any]) -> list[Any]:
+    """Return the names that occur more than once."""
+    return [name for name, count in Counter(names).items() if count > 1]
 
 
 def list_names(names: Iterable[object]) -> str:

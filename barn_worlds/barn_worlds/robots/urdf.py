@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
-from xml.etree.ElementTree import Element, ParseError
+from xml.etree.ElementTree import Element, ParseError, tostring
 
 import numpy as np
 from defusedxml.common import DefusedXmlException
@@ -22,8 +22,10 @@ from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import (
     ConfigError,
     convert_os_errors,
+    find_duplicates,
     format_error,
     list_names,
+    note,
     suggest,
 )
 from barn_worlds.base.files import read_at_most
@@ -37,6 +39,9 @@ _LARGEST_SHIFT_M = 0.002  # between a wheel and the mirror image of its partner
 _ALONG = 0.99  # least cosine between an axis and the direction that it should have
 _MOMENTS = (("ixx", "ixy", "ixz"), ("ixy", "iyy", "iyz"), ("ixz", "iyz", "izz"))
 _WHEEL = re.compile("wheel|tire|tyre", re.IGNORECASE)
+_SIDEWAYS = re.compile(
+    "mecanum|omni_?wheel|omni_?directional|holonomic|planar_move|swerve", re.IGNORECASE
+)
 _CASTER = re.compile("caster|castor|swivel", re.IGNORECASE)
 
 
@@ -80,13 +85,25 @@ def read_chassis(path: Path) -> tuple[dict[str, Any], str]:
         tags = " ".join(str(element.tag) for element in root.iter())
         if path.suffix == ".xacro" or "xacro}" in tags:
             root = fromstring(_run_xacro(path))
+        sideways = _SIDEWAYS.search(tostring(root, "unicode"))
+        if sideways:
+            note(
+                f"{path}: has {sideways[0]!r} in it; its wheels are taken for plain "
+                "wheels, which do not move sideways"
+            )
         links = _read_links(root)
         wheels, lack = _read_wheels(links)
         fields = _read_inertia(links) | wheels
         if "base_footprint" in links:
             fields["base_height_m"] = -float(links["base_footprint"].pose.offset[2])
         return fields, lack
-    except (ParseError, DefusedXmlException, ValueError, LookupError) as error:
+    except DefusedXmlException:
+        raise ConfigError(
+            f"{path}: document types and entities are not allowed"
+        ) from None
+    except KeyError as error:
+        raise ConfigError(f"{path}: an element lacks its attribute {error}") from None
+    except (ParseError, ValueError, LookupError) as error:
         raise ConfigError(
             f"{path}: not a URDF that can be used: {format_error(error)}"
         ) from None
@@ -136,6 +153,12 @@ def _read_links(root: Element) -> dict[str, Link]:
             f"must have a link base_link, and 1 to {_MOST_LINKS} links"
             f"{suggest('base_link', elements)}"
         )
+    children = [
+        _child(joint, "child").attrib["link"] for joint in root.findall("joint")
+    ]
+    names = [element.attrib["name"] for element in root.findall("link")]
+    for name in find_duplicates(names) + find_duplicates(children):
+        raise ValueError(f"link {name!r:.60} must occur once, on at most one joint")
     # Parent and element of each joint by its child link.
     joints: dict[str, tuple[str, Element]] = {}
     for joint in root.findall("joint"):

@@ -251,6 +251,14 @@ def test_wheels_are_known_in_any_case_and_as_tires(tmp_path):
 HUB = '<collision><geometry><sphere radius="0.02"/></geometry></collision>'
 
 
+def test_wheels_that_move_sideways_are_noted(tmp_path, caplog):
+    path = tmp_path / "r.urdf"
+    plugin = '<gazebo><plugin filename="libMecanumDrive.so"/></gazebo></robot>'
+    path.write_text(TURNED.replace("</robot>", plugin), "utf-8")
+    assert read_chassis(path)[0]["track_m"] == 0.4
+    assert f"{path}: has 'Mecanum' in it; its wheels are taken for" in caplog.text
+
+
 def test_a_wheel_is_where_its_collision_is_not_where_its_joint_is(tmp_path):
     # As AgileX LIMO has it. The hub is no tire.
     path = tmp_path / "r.urdf"
@@ -306,9 +314,20 @@ def test_links_of_a_urdf_are_placed_and_turned_by_their_joints(tmp_path):
 @pytest.mark.parametrize(
     "text, message",
     [
-        ("<robot><link/></robot>", "'name'"),
+        ("<robot><link/></robot>", "an element lacks its attribute 'name'"),
         ("<robot", "unclosed token"),
-        ('<!DOCTYPE r [<!ENTITY a "b">]><robot>&a;</robot>', "EntitiesForbidden"),
+        (
+            '<!DOCTYPE r [<!ENTITY a "b">]><robot>&a;</robot>',
+            "entities are not allowed",
+        ),
+        (
+            TURNED.replace('"bar"', '"wheel_left"', 1),
+            "link 'wheel_left' must occur once",
+        ),
+        (
+            TURNED.replace('child link="bar"', 'child link="wheel_left"'),
+            "on at most one joint",
+        ),
         ("<robot name='r'><link name='x'/></robot>", "must have a link base_link"),
         ("<robot name='r'><link name='base_link'/></robot>", "no link has a mass"),
         (TURNED.replace('value="2"', 'value="inf"'), "a mass is not a finite number"),
