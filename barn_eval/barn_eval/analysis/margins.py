@@ -9,6 +9,7 @@ from typing import Literal
 from barn_eval.analysis.compare import Comparison
 from barn_eval.analysis.measures import MEASURES
 from barn_worlds.base.errors import ConfigError, format_value, suggest
+from barn_worlds.base.yaml_scalars import parse_number
 
 Decision = Literal["not worse", "worse", "not shown"]
 
@@ -40,7 +41,7 @@ class Margin:
                 f"--fail-if-worse: unknown measure {key!r}{suggest(key, keys)}"
             )
         try:
-            margin = float(size.removesuffix("%"))
+            margin = parse_number(size.removesuffix("%"))
         # A number below 0 fails the check that follows.
         except ValueError:
             margin = -1.0

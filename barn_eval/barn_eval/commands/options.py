@@ -21,6 +21,7 @@ from barn_planners.registry import planner_names
 from barn_worlds.base.config import fields_of
 from barn_worlds.base.errors import ConfigError, format_value, strip_controls
 from barn_worlds.base.files import make_json_safe
+from barn_worlds.base.yaml_scalars import parse_number
 from barn_worlds.datasets.dataset import dataset_files
 from barn_worlds.robots.files import ROBOTS
 
@@ -248,7 +249,7 @@ def _read_course(text: str) -> tuple[float, ...]:
     start_texts = start.split(",")
     goal_texts = goal.split(",")
     try:
-        numbers = tuple(float(number) for number in (*start_texts, *goal_texts))
+        numbers = tuple(parse_number(number) for number in (*start_texts, *goal_texts))
     except ValueError:
         numbers = ()
     # A sixth number is the yaw at the goal.

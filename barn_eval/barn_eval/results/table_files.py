@@ -11,8 +11,9 @@ from typing import Any
 from barn_eval.trials.result import Outcome, Scores, TrialResult, format_trial_id
 from barn_eval.trials.system import NO_CONTACT, ObservedTrial, System
 from barn_eval.trials.trajectory import Measures
-from barn_worlds.base.errors import ConfigError, format_value, suggest
+from barn_worlds.base.errors import ConfigError, find_duplicates, format_value, suggest
 from barn_worlds.base.files import read_bytes
+from barn_worlds.base.yaml_scalars import parse_number
 
 # The system of all trials in tables.
 TABLE_SYSTEM = System("a table", "table", "unknown", "unknown", "unknown", NO_CONTACT)
@@ -70,14 +71,16 @@ def _csv_trials(path: Path, lines: list[str]) -> Iterator[tuple[str, dict[str, s
     """Yield ("FILE, line N", texts by column) for each row; ConfigError if wrong."""
     rows = csv.reader(lines)
     columns = [name.strip().lower() for name in next(rows, [])]
-    if not {*_REQUIRED} <= {*columns} <= {*COLUMNS}:
+    is_known = {*_REQUIRED} <= {*columns} <= {*COLUMNS}
+    if not is_known or find_duplicates(columns):
         name = next((name for name in columns if name not in COLUMNS), "")
         raise ConfigError(
-            f"{path}: columns must be {', '.join(_REQUIRED)} and may be"
-            f" {', '.join(COLUMNS)}, got {', '.join(columns) or 'none'}"
-            f"{suggest(name, COLUMNS)}"
+            f"{path}: the first line must name columns, separated by commas, each once:"
+            f" {', '.join(_REQUIRED)} and perhaps {', '.join(COLUMNS)}, got"
+            f" {', '.join(columns) or 'none'}{suggest(name, COLUMNS)}"
         )
-    for values in rows:
+    # Without blank lines.
+    for values in filter(None, rows):
         where = f"{path}, line {rows.line_num}"
         if len(values) != len(columns):
             raise ConfigError(f"{where}: has {len(values)} of {len(columns)} values")
@@ -176,7 +179,7 @@ def _number(where: str, column: str, text: str) -> float | None:
     if not text.strip():
         return None
     try:
-        number = float(text)
+        number = parse_number(text)
     except ValueError:
         number = math.nan
     if not 0.0 <= number < math.inf:

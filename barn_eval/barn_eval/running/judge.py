@@ -26,6 +26,7 @@ from barn_sim.config import robot_of
 from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.errors import BagError, ConfigError
 from barn_worlds.base.types import Pose2D
+from barn_worlds.base.yaml_scalars import parse_number
 from barn_worlds.datasets.dataset import dataset_files
 from barn_worlds.messages.topics import FRAMES
 from barn_worlds.robots.files import load_robot
@@ -98,7 +99,7 @@ class JudgeOptions(Checked):
         """Return the numbers in an option; ConfigError if one is below 0 or no number."""
         text = getattr(self, name)
         try:
-            numbers = [float(word) for word in text.split(",") if word]
+            numbers = [parse_number(word) for word in text.split(",") if word]
         except ValueError:
             numbers = [-1.0]
         is_valid = all(0.0 <= number < math.inf for number in numbers)

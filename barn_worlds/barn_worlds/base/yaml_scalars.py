@@ -83,6 +83,13 @@ def parse_numbers(value: Any) -> Any:
     return value
 
 
+def parse_number(text: str) -> float:
+    """Return text as float; ValueError for what only Python reads, such as 1_000."""
+    if "_" in text or not text.isascii():
+        raise ValueError(f"must be a number: {text!r:.60}")
+    return float(text)
+
+
 def parse_flag(text: str) -> int | str:
     """Return a flag of yaml-cpp as 0 or 1, an integer as int, any other text as is."""
     if text in TRUE | FALSE:

@@ -211,7 +211,8 @@ class GazeboFile:
             is_known = _WITHOUT_OBSTACLES.fullmatch(unquote(uri))
             if element.tag == "include" and not is_known:
                 raise self._error(
-                    f"included model {uri!r:.80} is unknown; known: sun, ground_plane"
+                    f"included model {uri!r:.80} is unknown; known: sun, ground_plane; "
+                    "write the model itself there, or save a map of the world"
                 )
         return Scope(world, self._where, Transform(), state)
 
@@ -226,7 +227,10 @@ class GazeboFile:
         """
         where = model.where
         if model.element.find("include") is not None:
-            raise WorldError(f"{where}: <include> inside a model is not supported")
+            raise WorldError(
+                f"{where}: <include> inside a model is not supported; write the model "
+                "itself there, or save a map of the world and name its YAML file"
+            )
         for inner_model, inner_scale in model.models():
             yield from self._read_model(inner_model, inner_scale)
         for link in model.element.findall("link"):
@@ -341,13 +345,21 @@ def _read_collision(
     category_bits = collision.findtext("surface/contact/category_bitmask", bits)
     if _NO_BITS.fullmatch(bits) and _NO_BITS.fullmatch(category_bits):
         return
+    if collision.findtext("surface/contact/collide_without_contact") in ("true", "1"):
+        raise WorldError(
+            f"{where}: collide_without_contact lets robots through in Gazebo Classic "
+            "only; remove it, or set collide_bitmask to 0"
+        )
     shapes = collision.findall("geometry/*")
     kinds = [str(shape.tag) for shape in shapes]
     if kinds in (["plane"], ["empty"]):
         return
     if kinds != ["cylinder"]:
         names = ", ".join(kinds)[:60] or "none"
-        raise WorldError(f"{where}: shape must be one cylinder, got {names}")
+        raise WorldError(
+            f"{where}: shape must be one cylinder, got {names}; for other shapes, "
+            "save a map of the world with Nav2's map_saver and name its YAML file"
+        )
     _require_upright(pose, where)
     (radius,) = read_numbers(shapes[0].findtext("radius"), 1, f"{where}: radius")
     (length,) = read_numbers(shapes[0].findtext("length", "1"), 1, f"{where}: length")

@@ -10,6 +10,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from barn_worlds.base.errors import WorldError, suggest
+from barn_worlds.base.yaml_scalars import parse_number
 from barn_worlds.geometry.transform import Transform, quaternion_matrix, rotation_matrix
 
 _SCOPES = {"world": "world", "model": "__model__"}  # name of its own frame, by tag
@@ -187,7 +188,7 @@ def read_numbers(text: str | None, count: int, where: str) -> list[float]:
         WorldError: If there are more or fewer, or one is not a number below 1e6.
     """
     try:
-        numbers = [float(word) for word in (text or "").split()]
+        numbers = [parse_number(word) for word in (text or "").split()]
     except ValueError:
         numbers = []
     # NaN fails the comparison.

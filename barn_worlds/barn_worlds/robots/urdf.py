@@ -29,6 +29,7 @@ from barn_worlds.base.errors import (
     suggest,
 )
 from barn_worlds.base.files import read_at_most
+from barn_worlds.base.yaml_scalars import parse_number
 from barn_worlds.geometry.transform import Transform, rotation_matrix
 
 LARGEST_URDF_BYTES = 1024 * 1024
@@ -207,10 +208,12 @@ def _read_inertia(links: dict[str, Link]) -> dict[str, Any]:
         if inertial is None:
             continue
         pose = link.pose @ _read_origin(inertial)
-        masses.append(float(_child(inertial, "mass").attrib["value"]))
+        masses.append(parse_number(_child(inertial, "mass").attrib["value"]))
         centers.append(pose.offset)
         moments = _child(inertial, "inertia").attrib
-        tensor = np.array([[float(moments[key]) for key in row] for row in _MOMENTS])
+        tensor = np.array(
+            [[parse_number(moments[key]) for key in row] for row in _MOMENTS]
+        )
         tensors.append(pose.rotation @ tensor @ pose.rotation.T)
     mass = sum(masses)
     if not 0.0 < mass < math.inf:
@@ -285,11 +288,11 @@ def _read_size(wheel: Link) -> list[float]:
     size = [*wheel.pose.offset.tolist(), 0.0, 0.0]
     for collision in wheel.element.iterfind("collision"):
         for shape in collision.iterfind("geometry/*"):
-            radius = float(shape.get("radius", "0"))
+            radius = parse_number(shape.get("radius", "0"))
             if radius > size[3]:
                 # A wheel may be beside the origin of its link.
                 center = wheel.pose @ _read_origin(collision)
-                width = float(shape.get("length", "0"))
+                width = parse_number(shape.get("length", "0"))
                 size = [*center.offset.tolist(), radius, width]
     return size
 
@@ -322,7 +325,7 @@ def _read_triple(parent: Element, tag: str, key: str) -> Floats:
     """Return a child attribute's numbers (3,), 0 if missing; ValueError for others."""
     child = parent.find(tag)
     text = "0 0 0" if child is None else child.get(key, "0 0 0")
-    numbers = np.array([float(word) for word in text.split()])
+    numbers = np.array([parse_number(word) for word in text.split()])
     if numbers.shape != (3,) or not np.isfinite(numbers).all():
         raise ValueError(f"must be three numbers: {text!r}")
     return numbers

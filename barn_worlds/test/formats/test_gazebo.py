@@ -222,6 +222,10 @@ def test_robots_drive_through_shapes_without_contact_bits():
         centers = centers_in(f"<model name='m'>{link}{LINK}</model>")
         assert centers == [*expected, [1.0, 0.0]]
 
+    flag = no_bits.replace("bitmask>", "without_contact>").replace("0x00", "true")
+    with pytest.raises(WorldError, match="model 'm': collide_without_contact lets"):
+        centers_in(f"<model name='m'><link name='k'>{flag}</link></model>")
+
 
 def test_a_saved_world_is_as_gazebo_shows_it_after_loading():
     state = (
@@ -303,6 +307,7 @@ EXTERNAL = b'<!DOCTYPE x [<!ENTITY f SYSTEM "file:///etc/passwd">]><sdf><world>&
         ),
         (document(model(pose="nan 0 0 0 0 0")), "pose must be 6 finite numbers"),
         (document(model(pose="x 0 0 0 0 0")), "pose must be 6 finite numbers"),
+        (document(model(pose="1_0 0 0 0 0 0")), "pose must be 6 finite numbers"),
         (document(model(pose="1e300 0 0 0 0 0")), "pose must be 6 finite numbers"),
         (document(model(pose="-0.2 5.3 0 1.57 0 0")), "model 'm': leans by 1.57 rad"),
         (document(model(pose="-0.2 5.3 1 0 0 0")), "from 0.5 to 1.5 m above"),

@@ -166,7 +166,12 @@ def test_keys_that_map_server_ignores_are_named_in_a_note(tmp_path, caplog):
 
 def test_a_folder_of_maps_skips_what_is_no_map_of_obstacles(tmp_path, caplog):
     parameters = "/**:\n  ros__parameters: {a: 1}\n"
-    texts = {"a": YAML, "b": YAML + "mode: Scale\n", "nav2_params": parameters}
+    texts = {
+        "a": YAML,
+        "._a": "\0",
+        "b": YAML + "mode: Scale\n",
+        "nav2_params": parameters,
+    }
     for name, text in texts.items():
         (tmp_path / f"{name}.yaml").write_text(text)
     assert open_dataset(tmp_path).world_numbers == (0,)
