@@ -77,7 +77,8 @@ def _csv_trials(path: Path, lines: list[str]) -> Iterator[tuple[str, dict[str, s
         raise ConfigError(
             f"{path}: the first line must name columns, separated by commas, each once:"
             f" {', '.join(_REQUIRED)} and perhaps {', '.join(COLUMNS)}, got"
-            f" {', '.join(columns) or 'none'}{suggest(name, COLUMNS)}"
+            f" {', '.join(columns) or 'none'}{suggest(name, COLUMNS)}; of a run, name the"
+            " folder instead of a file in it"
         )
     # Without blank lines.
     for values in filter(None, rows):
