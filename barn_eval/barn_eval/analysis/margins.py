@@ -40,11 +40,8 @@ class Margin:
             raise ConfigError(
                 f"--fail-if-worse: unknown measure {key!r}{suggest(key, keys)}"
             )
-        try:
-            margin = parse_number(size.removesuffix("%"))
-        # A number below 0 fails the check that follows.
-        except ValueError:
-            margin = -1.0
+        # What is no number is NaN, which fails the check that follows.
+        margin = parse_number(size.removesuffix("%"))
         if not 0.0 <= margin < float("inf"):
             rule = "must be MEASURE:MARGIN, with a number from 0 or a share such as 5%"
             raise ConfigError(

@@ -179,10 +179,7 @@ def _number(where: str, column: str, text: str) -> float | None:
     """Return a number of 0 or more, None for an empty text; ConfigError otherwise."""
     if not text.strip():
         return None
-    try:
-        number = parse_number(text)
-    except ValueError:
-        number = math.nan
+    number = parse_number(text)
     if not 0.0 <= number < math.inf:
         raise ConfigError(
             f"{where}: {column} {format_value(text)}: must be a number of 0 or more"

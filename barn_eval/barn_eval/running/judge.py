@@ -98,10 +98,7 @@ class JudgeOptions(Checked):
     def numbers(self, name: str) -> list[float]:
         """Return the numbers in an option; ConfigError if one is below 0 or no number."""
         text = getattr(self, name)
-        try:
-            numbers = [parse_number(word) for word in text.split(",") if word]
-        except ValueError:
-            numbers = [-1.0]
+        numbers = [parse_number(word) for word in text.split(",") if word]
         is_valid = all(0.0 <= number < math.inf for number in numbers)
         self.require(is_valid, name, "must be numbers of 0 or more, such as 0,30")
         return numbers

@@ -4,6 +4,7 @@ PyYAML reads YAML 1.1, in which `no` is false, 10:20 is 620 and 5e-1 is a text. 
 suite's own files are read as YAML 1.2, others as the programs do that use them.
 """
 
+import math
 import re
 from collections.abc import Hashable
 from typing import TYPE_CHECKING, Any
@@ -84,10 +85,11 @@ def parse_numbers(value: Any) -> Any:
 
 
 def parse_number(text: str) -> float:
-    """Return text as float; ValueError for what only Python reads, such as 1_000."""
-    if "_" in text or not text.isascii():
-        raise ValueError(f"must be a number: {text!r:.60}")
-    return float(text)
+    """Return text as float; NaN if it is none, or one for Python only, such as 1_000."""
+    try:
+        return float(text) if text.isascii() and "_" not in text else math.nan
+    except ValueError:
+        return math.nan
 
 
 def parse_flag(text: str) -> int | str:

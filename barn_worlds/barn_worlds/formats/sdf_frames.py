@@ -187,10 +187,7 @@ def read_numbers(text: str | None, count: int, where: str) -> list[float]:
     Raises:
         WorldError: If there are more or fewer, or one is not a number below 1e6.
     """
-    try:
-        numbers = [parse_number(word) for word in (text or "").split()]
-    except ValueError:
-        numbers = []
+    numbers = [parse_number(word) for word in (text or "").split()]
     # NaN fails the comparison.
     if len(numbers) != count or not all(abs(number) < 1e6 for number in numbers):
         raise WorldError(f"{where} must be {count} finite numbers, got {text!r:.60}")

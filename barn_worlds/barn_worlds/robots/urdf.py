@@ -211,9 +211,7 @@ def _read_inertia(links: dict[str, Link]) -> dict[str, Any]:
         masses.append(parse_number(_child(inertial, "mass").attrib["value"]))
         centers.append(pose.offset)
         moments = _child(inertial, "inertia").attrib
-        tensor = np.array(
-            [[parse_number(moments[key]) for key in row] for row in _MOMENTS]
-        )
+        tensor = np.array([[float(moments[key]) for key in row] for row in _MOMENTS])
         tensors.append(pose.rotation @ tensor @ pose.rotation.T)
     mass = sum(masses)
     if not 0.0 < mass < math.inf:
@@ -288,11 +286,11 @@ def _read_size(wheel: Link) -> list[float]:
     size = [*wheel.pose.offset.tolist(), 0.0, 0.0]
     for collision in wheel.element.iterfind("collision"):
         for shape in collision.iterfind("geometry/*"):
-            radius = parse_number(shape.get("radius", "0"))
+            radius = float(shape.get("radius", "0"))
             if radius > size[3]:
                 # A wheel may be beside the origin of its link.
                 center = wheel.pose @ _read_origin(collision)
-                width = parse_number(shape.get("length", "0"))
+                width = float(shape.get("length", "0"))
                 size = [*center.offset.tolist(), radius, width]
     return size
 
