@@ -8,8 +8,7 @@ from typing import Literal
 
 from barn_eval.analysis.compare import Comparison
 from barn_eval.analysis.measures import MEASURES
-from barn_worlds.base.errors import ConfigError, format_value, suggest
-from barn_worlds.base.yaml_scalars import parse_number
+from barn_worlds.base.errors import ConfigError, format_value, parse_number, suggest
 
 Decision = Literal["not worse", "worse", "not shown"]
 

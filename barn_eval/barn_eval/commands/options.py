@@ -20,9 +20,13 @@ from barn_eval.running.request import parse_parameters
 from barn_eval.trials.protocol import PROTOCOLS
 from barn_planners.registry import planner_names
 from barn_worlds.base.config import fields_of
-from barn_worlds.base.errors import ConfigError, format_value, strip_controls
+from barn_worlds.base.errors import (
+    ConfigError,
+    format_value,
+    parse_number,
+    strip_controls,
+)
 from barn_worlds.base.files import make_json_safe
-from barn_worlds.base.yaml_scalars import parse_number
 from barn_worlds.datasets.dataset import dataset_files
 from barn_worlds.robots.files import ROBOTS
 

@@ -11,9 +11,14 @@ from typing import Any
 from barn_eval.trials.result import Outcome, Scores, TrialResult, format_trial_id
 from barn_eval.trials.system import NO_CONTACT, ObservedTrial, System
 from barn_eval.trials.trajectory import Measures
-from barn_worlds.base.errors import ConfigError, find_duplicates, format_value, suggest
+from barn_worlds.base.errors import (
+    ConfigError,
+    find_duplicates,
+    format_value,
+    parse_number,
+    suggest,
+)
 from barn_worlds.base.files import read_bytes
-from barn_worlds.base.yaml_scalars import parse_number
 
 # The system of all trials in tables.
 TABLE_SYSTEM = System("a table", "table", "unknown", "unknown", "unknown", NO_CONTACT)

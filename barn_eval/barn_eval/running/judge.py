@@ -24,9 +24,8 @@ from barn_eval.trials.spec import simulator_config
 from barn_eval.trials.system import OPERATOR, System
 from barn_sim.config import robot_of
 from barn_worlds.base.config import Checked, quantity
-from barn_worlds.base.errors import BagError, ConfigError
+from barn_worlds.base.errors import BagError, ConfigError, parse_number
 from barn_worlds.base.types import Pose2D
-from barn_worlds.base.yaml_scalars import parse_number
 from barn_worlds.datasets.dataset import dataset_files
 from barn_worlds.messages.topics import FRAMES
 from barn_worlds.robots.files import load_robot

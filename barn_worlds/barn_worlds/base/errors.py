@@ -2,6 +2,7 @@
 
 import difflib
 import logging
+import math
 import multiprocessing
 import re
 import reprlib
@@ -138,6 +139,14 @@ def note(text: str) -> None:
     """
     if multiprocessing.parent_process() is None:
         logger.warning("%s", text)
+
+
+def parse_number(text: str) -> float:
+    """Return text as float; NaN if it is none, or one for Python only, such as 1_000."""
+    try:
+        return float(text) if text.isascii() and "_" not in text else math.nan
+    except ValueError:
+        return math.nan
 
 
 def find_duplicates(names: Iterable[Any]) -> list[Any]:

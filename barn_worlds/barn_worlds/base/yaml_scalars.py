@@ -4,7 +4,6 @@ PyYAML reads YAML 1.1, in which `no` is false, 10:20 is 620 and 5e-1 is a text. 
 suite's own files are read as YAML 1.2, others as the programs do that use them.
 """
 
-import math
 import re
 from collections.abc import Hashable
 from typing import TYPE_CHECKING, Any
@@ -82,14 +81,6 @@ def parse_numbers(value: Any) -> Any:
     if isinstance(value, str) and re.fullmatch(f"{_FLOAT}|{_INFINITY}", value):
         return float(value.lower().replace(".i", "i").replace(".n", "n"))
     return value
-
-
-def parse_number(text: str) -> float:
-    """Return text as float; NaN if it is none, or one for Python only, such as 1_000."""
-    try:
-        return float(text) if text.isascii() and "_" not in text else math.nan
-    except ValueError:
-        return math.nan
 
 
 def parse_flag(text: str) -> int | str:

@@ -345,11 +345,6 @@ def _read_collision(
     category_bits = collision.findtext("surface/contact/category_bitmask", bits)
     if _NO_BITS.fullmatch(bits) and _NO_BITS.fullmatch(category_bits):
         return
-    if collision.findtext("surface/contact/collide_without_contact") in ("true", "1"):
-        raise WorldError(
-            f"{where}: collide_without_contact lets robots through in Gazebo Classic "
-            "only; remove it, or set collide_bitmask to 0"
-        )
     shapes = collision.findall("geometry/*")
     kinds = [str(shape.tag) for shape in shapes]
     if kinds in (["plane"], ["empty"]):

@@ -9,8 +9,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from barn_worlds.base.errors import WorldError, suggest
-from barn_worlds.base.yaml_scalars import parse_number
+from barn_worlds.base.errors import WorldError, parse_number, suggest
 from barn_worlds.geometry.transform import Transform, quaternion_matrix, rotation_matrix
 
 _SCOPES = {"world": "world", "model": "__model__"}  # name of its own frame, by tag

@@ -26,10 +26,10 @@ from barn_worlds.base.errors import (
     format_error,
     list_names,
     note,
+    parse_number,
     suggest,
 )
 from barn_worlds.base.files import read_at_most
-from barn_worlds.base.yaml_scalars import parse_number
 from barn_worlds.geometry.transform import Transform, rotation_matrix
 
 LARGEST_URDF_BYTES = 1024 * 1024
@@ -102,11 +102,9 @@ def read_chassis(path: Path) -> tuple[dict[str, Any], str]:
         raise ConfigError(
             f"{path}: document types and entities are not allowed"
         ) from None
-    except KeyError as error:
-        raise ConfigError(f"{path}: an element lacks its attribute {error}") from None
     except (ParseError, ValueError, LookupError) as error:
         raise ConfigError(
-            f"{path}: not a URDF that can be used: {format_error(error)}"
+            f"{path}: not a URDF; missing or wrong: {format_error(error)}"
         ) from None
 
 

@@ -314,7 +314,7 @@ def test_links_of_a_urdf_are_placed_and_turned_by_their_joints(tmp_path):
 @pytest.mark.parametrize(
     "text, message",
     [
-        ("<robot><link/></robot>", "an element lacks its attribute 'name'"),
+        ("<robot><link/></robot>", "missing or wrong: 'name'"),
         ("<robot", "unclosed token"),
         (
             '<!DOCTYPE r [<!ENTITY a "b">]><robot>&a;</robot>',
