@@ -365,11 +365,7 @@ def test_driving_earns_more_than_getting_nowhere(
     np.save(tmp_path / "world_0.npy", open_world.grid)
     env = make(
         dataset=str(tmp_path / "world_0.npy"),
-        **{
-            "action.repeat": 4,
-            "reward.discount": discount,
-            "safety.enabled": shield,
-        },
+        **{"action.repeat": 4, "reward.discount": discount, "safety.enabled": shield},
     )
     limit = int(CHALLENGE.limit_s / 0.2)
     # Of -0.5 to 2 m/s, and shares of 2 rad/s. Standing ends with the time for a motion.

@@ -312,14 +312,8 @@ EXTERNAL = b'<!DOCTYPE x [<!ENTITY f SYSTEM "file:///etc/passwd">]><sdf><world>&
         (one_model(pose="-0.2 5.3 0 1.57 0 0"), "model 'm': leans by 1.57 rad"),
         (one_model(pose="-0.2 5.3 1 0 0 0"), "from 0.5 to 1.5 m above"),
         (one_model(pose="-0.2 5.3 -1 0 0 0"), "does not extend through 0.1 m"),
-        (
-            one_model(attribute=" relative_to='mm'"),
-            "no frame 'mm'; did you mean 'm'",
-        ),
-        (
-            one_model(attribute=" relative_to='m'"),
-            "frame 'm' is relative to itself",
-        ),
+        (one_model(attribute=" relative_to='mm'"), "no frame 'mm'; did you mean 'm'"),
+        (one_model(attribute=" relative_to='m'"), "frame 'm' is relative to itself"),
         (
             one_model(attribute=" rotation_format='quat'"),
             "unknown rotation_format 'quat'; did you mean 'quat_xyzw'",
@@ -330,10 +324,7 @@ EXTERNAL = b'<!DOCTYPE x [<!ENTITY f SYSTEM "file:///etc/passwd">]><sdf><world>&
         ),
         (
             document(
-                model(
-                    pose="0 0 0 0 0 0 0",
-                    attribute=" rotation_format='quat_xyzw'",
-                )
+                model(pose="0 0 0 0 0 0 0", attribute=" rotation_format='quat_xyzw'")
             ),
             "quaternion of length 0",
         ),
@@ -359,10 +350,7 @@ EXTERNAL = b'<!DOCTYPE x [<!ENTITY f SYSTEM "file:///etc/passwd">]><sdf><world>&
             one_model(radius="0.001"),
             "radius of a cylinder must be from 0.005 to 5 m, got 0.001",
         ),
-        (
-            one_model(shape="box"),
-            "shape must be one cylinder, got box",
-        ),
+        (one_model(shape="box"), "shape must be one cylinder, got box"),
         (
             one_model(inside="<include><uri>model://sun</uri></include>"),
             "<include> inside a model",
