@@ -240,23 +240,16 @@ def test_what_a_urdf_gives_and_lacks_is_said(
         load_robot(path)
 
 
-def test_wheels_are_known_in_any_case_and_as_tires(tmp_path):
+def test_wheels_are_known_in_any_case_and_as_tires_or_mecanum(tmp_path, caplog):
     path = tmp_path / "r.urdf"
     # xacro keeps comments, which may hold its tags.
     text = TURNED.replace("<link", "<!-- <xacro:x> --><link", 1)
-    path.write_text(text.replace('"wheel_', '"Tire_'), "utf-8")
+    path.write_text(text.replace('"wheel_', '"Mecanum_tire_'), "utf-8")
     assert read_chassis(path)[0]["track_m"] == 0.4
+    assert "has 'Mecanum' in it; its wheels are taken for plain" in caplog.text
 
 
 HUB = '<collision><geometry><sphere radius="0.02"/></geometry></collision>'
-
-
-def test_wheels_that_move_sideways_are_noted(tmp_path, caplog):
-    path = tmp_path / "r.urdf"
-    plugin = '<gazebo><plugin filename="libMecanumDrive.so"/></gazebo></robot>'
-    path.write_text(TURNED.replace("</robot>", plugin), "utf-8")
-    assert read_chassis(path)[0]["track_m"] == 0.4
-    assert f"{path}: has 'Mecanum' in it; its wheels are taken for" in caplog.text
 
 
 def test_a_wheel_is_where_its_collision_is_not_where_its_joint_is(tmp_path):
