@@ -167,7 +167,12 @@ def test_files_and_targets_that_are_shown_exist(line):
         assert (ROOT / file).is_file()
 
 
-@pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
+each_page = pytest.mark.parametrize(
+    "path", PAGES, ids=lambda path: str(path.relative_to(ROOT))
+)
+
+
+@each_page
 def test_links_lead_to_files_and_headings_that_exist(path):
     text = re.sub(r"(?ms)^```.*?^```", "", path.read_text("utf-8"))
     for target in re.findall(r"\]\(([^)\s]+)\)", text):
@@ -206,7 +211,7 @@ ENTRY_POINTS = {
 }  # a group of entry points, named like a module
 
 
-@pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
+@each_page
 def test_python_names_exist(path):
     matches = [
         PYTHON_NAME.match(text)
@@ -239,7 +244,7 @@ def test_everything_in_the_api_pages_exists():
     assert count > 50
 
 
-@pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
+@each_page
 def test_paths_exist(path):
     named = [
         text.replace("NAME", "*") for text in quotations(path) if TOP_FOLDER.match(text)

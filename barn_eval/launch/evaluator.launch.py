@@ -25,9 +25,5 @@ TOPICS = (
 def generate_launch_description() -> LaunchDescription:
     """Return a launch description of the evaluator and its arguments."""
     return NodeLaunch(
-        "barn_eval",
-        "evaluator",
-        TOPICS,
-        use_sim_time=False,
-        ends_launch=True,
+        "barn_eval", "evaluator", TOPICS, use_sim_time=False, ends_launch=True
     ).description()

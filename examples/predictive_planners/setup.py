@@ -21,6 +21,6 @@ setup(
         "barn_planners.planners": [
             f"gap_predictive = {NAME}.planners:GAP_ENTRY",
             f"mppi_predictive = {NAME}.planners:MPPI_ENTRY",
-        ],
+        ]
     },
 )

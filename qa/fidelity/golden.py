@@ -30,6 +30,7 @@ SETS = {
     "ros_challenge": ("challenge", "barn300", "12,150", "dwa,eband,gap,mppi", "ros"),
     "ros_known_map": ("known_map", "barn300", "40,133", "dwa,eband", "ros"),
 }
+_EXISTING = click.Path(exists=True, path_type=Path)
 
 
 @click.group()
@@ -60,7 +61,7 @@ def drive(out: Path, only: tuple[str, ...]) -> None:
 
 
 @main.command()
-@click.argument("out", type=click.Path(exists=True, path_type=Path))
+@click.argument("out", type=_EXISTING)
 def digest(out: Path) -> None:
     """Print the digest of the trials in the folders below OUT as JSON."""
     trials = {}
@@ -79,8 +80,8 @@ def digest(out: Path) -> None:
 
 
 @main.command()
-@click.argument("before", type=click.Path(exists=True, path_type=Path))
-@click.argument("after", type=click.Path(exists=True, path_type=Path))
+@click.argument("before", type=_EXISTING)
+@click.argument("after", type=_EXISTING)
 def compare(before: Path, after: Path) -> None:
     """List the trials that differ between two digests; exit code 1 if any does."""
     old_trials = json.loads(before.read_text("utf-8"))

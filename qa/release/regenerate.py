@@ -21,7 +21,7 @@ ROOT = Path(__file__).resolve().parents[2]
 # By name what `barn worlds generate` is told. barn300 is numbered by measured times:
 # barn_worlds/README.md says how.
 DATA_SETS: dict[str, dict[str, Any]] = {
-    "barn_tb4": {"robot": "turtlebot4", "seed": 4, "keep": 100},
+    "barn_tb4": {"robot": "turtlebot4", "seed": 4, "keep": 100}
 }
 
 

@@ -1,7 +1,6 @@
 """Planners of results folders, with labels, colors and the class of their board."""
 
 import math
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,7 +19,7 @@ from barn_eval.results.row_table import column, take
 from barn_eval.running.setting_folders import expand_sweeps, parse_folder_name
 from barn_eval.trials.result import COMPUTE_MODE_LABELS, Rows, describe_computer
 from barn_worlds.base.arrays import Bools
-from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.errors import ConfigError, find_duplicates
 
 # The slowest class of speed caps; each class is twice as fast as the one before.
 _SLOWEST_CLASS_MPS = 0.5
@@ -169,9 +168,8 @@ def read_entries(paths: Sequence[Path]) -> list[Entry]:
     """
     folders = expand_sweeps(paths)
     # The same trials twice would look like twice the evidence.
-    for path, count in Counter(path.resolve() for path in folders).items():
-        if count > 1:
-            raise ConfigError(f"{path}: is named twice")
+    for path in find_duplicates(path.resolve() for path in folders):
+        raise ConfigError(f"{path}: is named twice")
     return entries_of([read_source(path) for path in folders])
 
 

@@ -8,7 +8,7 @@ from typing import Literal
 
 from barn_eval.analysis.compare import Comparison
 from barn_eval.analysis.measures import MEASURES
-from barn_worlds.base.errors import ConfigError, format_value, suggest
+from barn_worlds.base.errors import ConfigError, format_value, parse_number, suggest
 
 Decision = Literal["not worse", "worse", "not shown"]
 
@@ -39,11 +39,8 @@ class Margin:
             raise ConfigError(
                 f"--fail-if-worse: unknown measure {key!r}{suggest(key, keys)}"
             )
-        try:
-            margin = float(size.removesuffix("%"))
-        # A number below 0 fails the check that follows.
-        except ValueError:
-            margin = -1.0
+        # What is no number is NaN, which fails the check that follows.
+        margin = parse_number(size.removesuffix("%"))
         if not 0.0 <= margin < float("inf"):
             rule = "must be MEASURE:MARGIN, with a number from 0 or a share such as 5%"
             raise ConfigError(

@@ -6,17 +6,7 @@ from typing import Any
 import pandas as pd
 import pyarrow as pa
 
-_TEXT_COLUMNS = (
-    "planner",
-    "board",
-    "a",
-    "b",
-    "measure",
-    "unit",
-    "of",
-    "kind",
-    "name",
-)
+_TEXT_COLUMNS = ("planner", "board", "a", "b", "measure", "unit", "of", "kind", "name")
 _COUNT_COLUMNS = ("world", "worlds", "trials", "rank", "repetitions")
 # Whole numbers that not every row has.
 _NULLABLE_COUNTS = ("recoveries",)

@@ -134,9 +134,7 @@ def describe_failures(results: Rows) -> str:
 
 
 def headline_table(
-    summaries: Sequence[Summary],
-    measure: Measure,
-    keys: Sequence[str] = (),
+    summaries: Sequence[Summary], measure: Measure, keys: Sequence[str] = ()
 ) -> TextTable:
     """Return a text table of the main measures, a planner per row, best first.
 

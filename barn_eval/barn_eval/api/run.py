@@ -99,8 +99,7 @@ def run(
         BarnError: If an option or a value is not allowed; one line says which.
     """
     request = _read_request(
-        file,
-        {"worlds": worlds, "planners": planners, "protocol": protocol, **options},
+        file, {"worlds": worlds, "planners": planners, "protocol": protocol, **options}
     )
     if dry_run:
         return estimate_run(request, overwrite=overwrite)

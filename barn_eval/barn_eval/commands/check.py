@@ -136,8 +136,7 @@ def submit(folder: Path, out: Path | None, container: str) -> None:
 @click.command("verify")
 @click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @folder_option(
-    "--out",
-    help="Folder for the verified results, for example for `barn leaderboard`.",
+    "--out", help="Folder for the verified results, for example for `barn leaderboard`."
 )
 @json_option
 def verify(file: Path, out: Path | None, as_json: bool) -> None:

@@ -44,8 +44,7 @@ from barn_worlds.base.errors import ExitCode
     help="Measures to compare, such as success,challenge.",
 )
 @file_option(
-    "--latex",
-    help="Write a table for a paper, with the best planners in bold.",
+    "--latex", help="Write a table for a paper, with the best planners in bold."
 )
 @click.option(
     "--fail-if-worse",

@@ -102,9 +102,7 @@ class LazyGroup(click.Group):
         return subcommands + click.Command.shell_complete(self, ctx, incomplete)
 
     def format_commands(
-        self,
-        ctx: click.Context,
-        formatter: click.HelpFormatter,
+        self, ctx: click.Context, formatter: click.HelpFormatter
     ) -> None:
         """Write all subcommands with their summaries, by purpose, to a help page.
 

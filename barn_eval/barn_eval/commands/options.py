@@ -1,6 +1,7 @@
 """Options that several commands share, and how commands print."""
 
 import json
+import math
 import re
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -19,7 +20,12 @@ from barn_eval.running.request import parse_parameters
 from barn_eval.trials.protocol import PROTOCOLS
 from barn_planners.registry import planner_names
 from barn_worlds.base.config import fields_of
-from barn_worlds.base.errors import ConfigError, format_value, strip_controls
+from barn_worlds.base.errors import (
+    ConfigError,
+    format_value,
+    parse_number,
+    strip_controls,
+)
 from barn_worlds.base.files import make_json_safe
 from barn_worlds.datasets.dataset import dataset_files
 from barn_worlds.robots.files import ROBOTS
@@ -244,15 +250,13 @@ run_option = click.option(
 
 def _read_course(text: str) -> tuple[float, ...]:
     """Return the 5 or 6 numbers of "X,Y,YAW:X,Y[,YAW]" [m, rad], or raise ConfigError."""
-    start, colon, goal = text.partition(":")
+    start, _, goal = text.partition(":")
     start_texts = start.split(",")
     goal_texts = goal.split(",")
-    try:
-        numbers = tuple(float(number) for number in (*start_texts, *goal_texts))
-    except ValueError:
-        numbers = ()
+    numbers = tuple(map(parse_number, start_texts + goal_texts))
+    is_finite = all(map(math.isfinite, numbers))
     # A sixth number is the yaw at the goal.
-    if not colon or len(start_texts) != 3 or len(numbers) not in (5, 6):
+    if len(start_texts) != 3 or len(numbers) not in (5, 6) or not is_finite:
         raise ConfigError(
             f"--course {format_value(text)}: must be X,Y,YAW:X,Y, the start and goal in"
             " m and rad"

@@ -55,8 +55,7 @@ class ReportSettings(Checked):
     help="Also write figures and tables to OUT_assets.",
 )
 @flag_option(
-    "--replays",
-    help="Write a replay of each bag to OUT_replays and link to it.",
+    "--replays", help="Write a replay of each bag to OUT_replays and link to it."
 )
 @parameters_option(
     "--set", "parameters", "Setting of the page or its figures", ReportSettings()

@@ -150,10 +150,7 @@ _EXECUTION = ExecutionConfig()
     help="Judge trials of your own simulator or robot, described in this YAML file. You start the"
     " simulator, and also the planner unless you give --planner or --planner-command.",
 )
-@flag_option(
-    "--view",
-    help="Show trials live in Foxglove and on a page (needs bags).",
-)
+@flag_option("--view", help="Show trials live in Foxglove and on a page (needs bags).")
 @flag_option("--overwrite", help="Delete other results in that folder first.")
 @flag_option(
     "--dry-run",

@@ -425,6 +425,8 @@ def read_results(path: Path) -> Rows:
     Raises:
         ConfigError: If there are none, or one belongs to another task.
     """
+    if path.is_file():
+        raise ConfigError(f"{path}: must be a folder of results; name {path.parent}")
     rows = RowFile(path).read()
     if not _scored(rows):
         problem = "holds no results of a run"

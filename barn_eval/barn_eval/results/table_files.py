@@ -11,7 +11,13 @@ from typing import Any
 from barn_eval.trials.result import Outcome, Scores, TrialResult, format_trial_id
 from barn_eval.trials.system import NO_CONTACT, ObservedTrial, System
 from barn_eval.trials.trajectory import Measures
-from barn_worlds.base.errors import ConfigError, format_value, suggest
+from barn_worlds.base.errors import (
+    ConfigError,
+    find_duplicates,
+    format_value,
+    parse_number,
+    suggest,
+)
 from barn_worlds.base.files import read_bytes
 
 # The system of all trials in tables.
@@ -70,14 +76,17 @@ def _csv_trials(path: Path, lines: list[str]) -> Iterator[tuple[str, dict[str, s
     """Yield ("FILE, line N", texts by column) for each row; ConfigError if wrong."""
     rows = csv.reader(lines)
     columns = [name.strip().lower() for name in next(rows, [])]
-    if not {*_REQUIRED} <= {*columns} <= {*COLUMNS}:
+    is_known = {*_REQUIRED} <= {*columns} <= {*COLUMNS}
+    if not is_known or find_duplicates(columns):
         name = next((name for name in columns if name not in COLUMNS), "")
         raise ConfigError(
-            f"{path}: columns must be {', '.join(_REQUIRED)} and may be"
-            f" {', '.join(COLUMNS)}, got {', '.join(columns) or 'none'}"
-            f"{suggest(name, COLUMNS)}"
+            f"{path}: the first line must name columns, separated by commas, each once:"
+            f" {', '.join(_REQUIRED)} and perhaps {', '.join(COLUMNS)}, got"
+            f" {', '.join(columns) or 'none'}{suggest(name, COLUMNS)}; of a run, name the"
+            " folder instead of a file in it"
         )
-    for values in rows:
+    # Without blank lines.
+    for values in filter(None, rows):
         where = f"{path}, line {rows.line_num}"
         if len(values) != len(columns):
             raise ConfigError(f"{where}: has {len(values)} of {len(columns)} values")
@@ -175,10 +184,7 @@ def _number(where: str, column: str, text: str) -> float | None:
     """Return a number of 0 or more, None for an empty text; ConfigError otherwise."""
     if not text.strip():
         return None
-    try:
-        number = float(text)
-    except ValueError:
-        number = math.nan
+    number = parse_number(text)
     if not 0.0 <= number < math.inf:
         raise ConfigError(
             f"{where}: {column} {format_value(text)}: must be a number of 0 or more"

@@ -54,10 +54,7 @@ def pack_arrays(arrays: Mapping[str, npt.NDArray[Any]]) -> dict[str, Any]:
         data += np.ascontiguousarray(array, f"<{kind}").tobytes()
         # The next array may have items of 4 bytes, which must begin at a multiple of 4.
         data += bytes(-len(data) % 4)
-    return {
-        "zlib": base64.b64encode(zlib.compress(data, 6)).decode(),
-        "arrays": layout,
-    }
+    return {"zlib": base64.b64encode(zlib.compress(data, 6)).decode(), "arrays": layout}
 
 
 def unpack_arrays(

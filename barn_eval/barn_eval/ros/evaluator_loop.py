@@ -12,10 +12,7 @@ from barn_eval.trials.result import PLANNER, SIMULATOR, Outcome
 
 T = TypeVar("T")
 
-_OUTCOME_OF_END = {
-    PLANNER: Outcome.PLANNER_DIED,
-    SIMULATOR: Outcome.SIMULATOR_DIED,
-}
+_OUTCOME_OF_END = {PLANNER: Outcome.PLANNER_DIED, SIMULATOR: Outcome.SIMULATOR_DIED}
 _LONGEST_SPIN_S = 0.005  # between two looks at a condition
 _CHECK_PERIOD_S = 0.05  # between two looks at what is missing
 _NOTE_PERIOD_S = 5.0  # between two notes on what is waited for

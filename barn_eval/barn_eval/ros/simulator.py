@@ -189,10 +189,7 @@ class SimulatorClient:
     """
 
     def __init__(
-        self,
-        loop: EvaluatorLoop,
-        request: Callable[..., str],
-        config: EvaluatorConfig,
+        self, loop: EvaluatorLoop, request: Callable[..., str], config: EvaluatorConfig
     ):
         """Prepare requests; ask the simulator for nothing yet.
 

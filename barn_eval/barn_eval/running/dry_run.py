@@ -8,7 +8,9 @@ from barn_eval.results.bags import BAGS
 from barn_eval.results.folder import find_completed
 from barn_eval.results.run_file import RunFile
 from barn_eval.running.request import RunRequest
+from barn_eval.running.run import check_limits
 from barn_eval.trials.result import Rows
+from barn_worlds.base.errors import note
 
 # Estimates for a folder without trials: means of 60 trials of the suite's planners in
 # barn300 on a 2 GHz core, in lockstep, without the first compilation of kernels.
@@ -68,6 +70,9 @@ def estimate_run(request: RunRequest, *, overwrite: bool = False) -> DryRun:
     """
     config = request.config
     trials = request.trials()
+    warning = check_limits(trials)
+    if warning:
+        note(warning)
     run_file = RunFile.for_run(request.out, config, trials)
     completed = find_completed(run_file, trials, overwrite=overwrite).results
 

@@ -24,7 +24,7 @@ from barn_eval.trials.spec import simulator_config
 from barn_eval.trials.system import OPERATOR, System
 from barn_sim.config import robot_of
 from barn_worlds.base.config import Checked, quantity
-from barn_worlds.base.errors import BagError, ConfigError
+from barn_worlds.base.errors import BagError, ConfigError, parse_number
 from barn_worlds.base.types import Pose2D
 from barn_worlds.datasets.dataset import dataset_files
 from barn_worlds.messages.topics import FRAMES
@@ -97,10 +97,7 @@ class JudgeOptions(Checked):
     def numbers(self, name: str) -> list[float]:
         """Return the numbers in an option; ConfigError if one is below 0 or no number."""
         text = getattr(self, name)
-        try:
-            numbers = [float(word) for word in text.split(",") if word]
-        except ValueError:
-            numbers = [-1.0]
+        numbers = [parse_number(word) for word in text.split(",") if word]
         is_valid = all(0.0 <= number < math.inf for number in numbers)
         self.require(is_valid, name, "must be numbers of 0 or more, such as 0,30")
         return numbers

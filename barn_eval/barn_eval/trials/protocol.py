@@ -209,9 +209,7 @@ class Protocol(Checked):
         2.0, "speed that defines the optimal time", "m/s", 0.01, 100.0
     )
     metric: str = quantity(
-        "normalised_time_s_per_m",
-        "measure that ranks planners",
-        choices=METRICS,
+        "normalised_time_s_per_m", "measure that ranks planners", choices=METRICS
     )
     clipped: bool = optional(
         True,

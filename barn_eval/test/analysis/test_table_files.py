@@ -79,7 +79,7 @@ def test_a_table_is_not_compared_with_what_was_driven(table, two_trials, rejecte
 
 def test_repetitions_that_are_not_numbered_count_in_their_order(tmp_path):
     path = tmp_path / "plain.csv"
-    path.write_text("world,outcome,planner,time\n" + 3 * "5,success,a b,9.5\n")
+    path.write_text("world,outcome,planner,time\n" + 3 * "5,success,a b,9.5\n\n")
     names = [row.trial_id for row in read_table_file(path)]
     assert names == ["a b_w0005_r00", "a b_w0005_r01", "a b_w0005_r02"]
     assert read_source(path).planned is None
@@ -88,7 +88,8 @@ def test_repetitions_that_are_not_numbered_count_in_their_order(tmp_path):
 @pytest.mark.parametrize(
     "text, words",
     [
-        ("", "columns must be planner, world, outcome and may be .*, got none"),
+        ("", "once: planner, world, outcome and perhaps .*, got none"),
+        (HEAD.replace("\n", ",time\n"), "each once: .*, time, time"),
         (
             "planner,world,outcom\n",
             "got planner, world, outcom.*did you mean 'outcome'",
@@ -102,6 +103,7 @@ def test_repetitions_that_are_not_numbered_count_in_their_order(tmp_path):
         ),
         (HEAD + "a,1.5,0,timeout,\n", "line 2: world '1.5': must be a whole number"),
         (HEAD + "a,1,0,success,nan\n", "line 2: time 'nan': must be a number of 0"),
+        (HEAD + "a,1,0,success,1_0\n", "line 2: time '1_0': must be a number of 0"),
         (HEAD + "a,1,0,success,\n", "line 2: a success needs a time"),
         (HEAD + "a,1,0,success\n", "line 2: has 4 of 5 values"),
         (HEAD + 2 * "a,1,0,timeout,\n", "line 3: trial a_w0001_r00 is listed twice"),

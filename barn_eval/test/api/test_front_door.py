@@ -350,11 +350,7 @@ def test_what_goes_wrong_in_a_planner_of_ones_own_is_an_outcome(tmp_path, caplog
         ),
         ([ahead, ahead], {}, "names 'ahead' twice"),
         ({"a/b": ahead}, {}, "planner 'a/b': a name must be 1 to 60 letters"),
-        (
-            ahead,
-            {"mode": "ros"},
-            "planner 'ahead': a Python object needs mode direct",
-        ),
+        (ahead, {"mode": "ros"}, "planner 'ahead': a Python object needs mode direct"),
         (
             ahead,
             {"settings": {"ahead": {"a": 1}}},

@@ -165,10 +165,7 @@ def test_a_mistake_is_one_clear_line_and_leaves_nothing(rejected, line, complain
 def test_from_python_a_mistake_is_an_error_of_the_suite():
     for wrong, message in (
         ({"source": "barn300"}, "take one class of motion, got 3"),
-        (
-            {"crossing": True},
-            "crossing and obstacles are for the worlds of a data set",
-        ),
+        ({"crossing": True}, "crossing and obstacles are for the worlds of a data set"),
         ({"classes": ["esy"]}, "unknown motion class 'esy'; did you mean 'easy'?"),
         ({"parameters": {"radius": 1}}, "did you mean 'radius_m'?"),
     ):

@@ -143,8 +143,13 @@ def with_memory(policy):
     return replace(policy, observation=observation, action=action, weights=(padded,))
 
 
+with_and_without_shield = pytest.mark.parametrize(
+    "shield", [False, True], ids=["raw", "shielded"]
+)
+
+
 @pytest.mark.parametrize("memory", [False, True], ids=["frame", "frames"])
-@pytest.mark.parametrize("shield", [False, True], ids=["raw", "shielded"])
+@with_and_without_shield
 @pytest.mark.parametrize(
     "protocol", [CHALLENGE, KNOWN_MAP, PAPER_2020], ids=lambda make_one: make_one.name
 )
@@ -357,7 +362,7 @@ def test_the_reward_of_a_step():
         assert final_reward(config, Verdict(outcome, "", 1.0, 1.0, 0.0)) == extra
 
 
-@pytest.mark.parametrize("shield", [False, True], ids=["raw", "shielded"])
+@with_and_without_shield
 @pytest.mark.parametrize("discount", [0.99, 1.0])
 def test_driving_earns_more_than_getting_nowhere(
     make, open_world, tmp_path, shield, discount
@@ -365,11 +370,7 @@ def test_driving_earns_more_than_getting_nowhere(
     np.save(tmp_path / "world_0.npy", open_world.grid)
     env = make(
         dataset=str(tmp_path / "world_0.npy"),
-        **{
-            "action.repeat": 4,
-            "reward.discount": discount,
-            "safety.enabled": shield,
-        },
+        **{"action.repeat": 4, "reward.discount": discount, "safety.enabled": shield},
     )
     limit = int(CHALLENGE.limit_s / 0.2)
     # Of -0.5 to 2 m/s, and shares of 2 rad/s. Standing ends with the time for a motion.

@@ -227,10 +227,14 @@ def trials():
     return GAP.trials()
 
 
+def fill(folder):
+    for spec in folder.remaining:
+        folder.append(record(spec))
+
+
 def keep_whole(path):
     with ResultsFolder.open(path, GAP, EXECUTION, trials()) as folder:
-        for spec in folder.remaining:
-            folder.append(record(spec))
+        fill(folder)
         folder.complete()
 
 
@@ -242,8 +246,7 @@ def test_two_writers_do_not_touch_each_others_files(tmp_path):
         with refused("another process is working in this folder"):
             keep_whole(tmp_path)
         assert partial.is_dir()
-        for spec in folder.remaining:
-            folder.append(record(spec))
+        fill(folder)
     assert len(read_results(tmp_path)) == 4
 
 
@@ -266,8 +269,7 @@ def test_a_resumed_run_reads_each_file_once_at_its_start_and_end(tmp_path, monke
         assert len(folder.completed) == len(folder.results()) == 2
         assert opened == {"results.jsonl": 1, "tracks.jsonl": 1, "commands.jsonl": 1}
         opened.clear()
-        for spec in folder.remaining:
-            folder.append(record(spec))
+        fill(folder)
         # The time per trial does not grow with the folder.
         assert not opened
         folder.complete()

@@ -150,14 +150,8 @@ def test_a_line_of_something_else_is_refused_by_its_number(tmp_path):
         ({"arrays": {"samples": ["Int16Array", -4, 9]}}, "do not match their layout"),
         ({"arrays": {}}, "do not fit together"),
         ({"steps": [1.0] * 8}, "steps must be one number per channel, each"),
-        (
-            {"steps": [[1.0], *[1.0] * 8]},
-            "steps must be one number per channel, each",
-        ),
-        (
-            {"steps": [1.0] * 8 + [1e31]},
-            "steps must be one number per channel, each",
-        ),
+        ({"steps": [[1.0], *[1.0] * 8]}, "steps must be one number per channel, each"),
+        ({"steps": [1.0] * 8 + [1e31]}, "steps must be one number per channel, each"),
         ({"steps": [float("nan")] * 9}, "numbers must be finite, got NaN"),
         (
             pack_arrays({"samples": np.zeros(9_000_000, "i2")}),

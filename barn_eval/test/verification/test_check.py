@@ -256,19 +256,10 @@ FORGERIES = {
         {"measures__min_clearance_m": 0.3},
         "in the track, 0.300 m in the row",
     ),
-    "a shorter way": (
-        {"measures__driven_m": 0.2},
-        "m in the track, 0.20 m in the row",
-    ),
+    "a shorter way": ({"measures__driven_m": 0.2}, "m in the track, 0.20 m in the row"),
     "no contact": ({"measures__contacts": 0}, "has 0 contacts in the row"),
-    "another speed cap": (
-        {"speed_cap_mps": 0.5},
-        "speed_cap_mps is 0.5 in the row",
-    ),
-    "more recoveries": (
-        {"recoveries": 99_999},
-        "recoveries is 99999, must",
-    ),
+    "another speed cap": ({"speed_cap_mps": 0.5}, "speed_cap_mps is 0.5 in the row"),
+    "more recoveries": ({"recoveries": 99_999}, "recoveries is 99999, must"),
     "a remark": ({"remarks": "fast"}, "remarks is 'fast' in the row"),
     "no turns": ({"measures__rotation_rad": 0.0}, "rotation_rad is 0.0"),
     "steady commands": (
@@ -283,10 +274,7 @@ FORGERIES = {
         lambda row: {"measures__near_contact_s": row.scores.duration_s},
         "near_contact_s is ",
     ),
-    "nobody's fault": (
-        {"fault": "environment"},
-        "fault is 'environment' in the row",
-    ),
+    "nobody's fault": ({"fault": "environment"}, "fault is 'environment' in the row"),
 }
 
 

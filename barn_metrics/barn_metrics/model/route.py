@@ -228,10 +228,7 @@ def route_strip(clearance: ClearanceMap, route: Route) -> Floats:
     right = np.stack([np.cos(heading), -np.sin(heading)])
     offsets = right[:, :, None] * (_ACROSS_M / clearance.cell_m)
     across = map_coordinates(
-        clearance.clearance_m,
-        points.T[:, :, None] + offsets,
-        order=1,
-        mode="nearest",
+        clearance.clearance_m, points.T[:, :, None] + offsets, order=1, mode="nearest"
     )
 
     strip = np.zeros((SAMPLES, CHANNELS))

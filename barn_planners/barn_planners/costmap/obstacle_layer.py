@@ -121,11 +121,7 @@ def _end_on_grid(
 
 @kernel
 def _clear_rays(
-    marks: Marks,
-    grid: Grid,
-    sensor: Pose,
-    points: Singles,
-    raytrace_range: float,
+    marks: Marks, grid: Grid, sensor: Pose, points: Singles, raytrace_range: float
 ) -> None:
     """Clear lidar marks from the sensor toward each point, up to range and grid edge.
 
@@ -161,11 +157,7 @@ def _clear_rays(
 
 @kernel
 def _mark_points(
-    marks: Marks,
-    grid: Grid,
-    sensor: Pose,
-    points: Singles,
-    obstacle_range: float,
+    marks: Marks, grid: Grid, sensor: Pose, points: Singles, obstacle_range: float
 ) -> None:
     """Mark the cells on the grid of points nearer to the lidar than the range in m."""
     shape = marks.cells.shape

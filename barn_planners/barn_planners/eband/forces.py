@@ -291,12 +291,7 @@ def optimize(band: Floats, trial: Floats, n: int, context: Context) -> tuple[int
 
 @kernel
 def advance(
-    band: Floats,
-    trial: Floats,
-    n: int,
-    pose: Pose,
-    ahead: Floats,
-    context: Context,
+    band: Floats, trial: Floats, n: int, pose: Pose, ahead: Floats, context: Context
 ) -> tuple[int, int, bool]:
     """Connect a band to the robot, append poses, renew it; relax a copy in `trial`.
 

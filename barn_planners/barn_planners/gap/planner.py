@@ -23,6 +23,7 @@ from barn_planners.navigation.observation_check import (
     ObservationCheckConfig,
 )
 from barn_planners.navigation.scan_planner import ScanPlanner, scan_points
+from barn_planners.navigation.speeds import SpeedConfig
 from barn_planners.registry import ANY_PROTOCOL, PlannerEntry
 from barn_planners.robots import fit_to_robot
 from barn_worlds.base.arrays import unit_vectors
@@ -35,14 +36,9 @@ _ROUNDING_M = 1e-9
 
 
 @dataclass(frozen=True)
-class GapConfig(LidarMountConfig):
+class GapConfig(SpeedConfig, LidarMountConfig):
     """Follow-the-gap; the defaults are for a Jackal."""
 
-    max_speed_mps: float = quantity(0.5, "highest forward speed", "m/s", 0.0, 5.0)
-    min_speed_mps: float = quantity(
-        0.1, "lowest forward speed while driving", "m/s", 0.0, 5.0
-    )
-    max_turn_radps: float = quantity(1.57, "highest yaw rate", "rad/s", 0.0, 10.0)
     k_prop_per_s: float = quantity(
         2.0, "yaw rate per radian of bearing", "1/s", 0.0, 100.0
     )

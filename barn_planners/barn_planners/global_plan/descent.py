@@ -186,11 +186,7 @@ def descend(
 
 @kernel
 def descend_as_navfn(
-    potential: Singles,
-    columns: int,
-    ends: Ends,
-    neutral: float,
-    points: Singles,
+    potential: Singles, columns: int, ends: Ends, neutral: float, points: Singles
 ) -> tuple[int, bool]:
     """Write navfn's path, in single precision; return how many points, and success.
 
@@ -266,11 +262,7 @@ def _split_offset(offset: np.float32) -> tuple[int, np.float32]:
 
 @kernel
 def _direction_as_navfn(
-    potential: Singles,
-    columns: int,
-    cell: int,
-    dx: np.float32,
-    dy: np.float32,
+    potential: Singles, columns: int, cell: int, dx: np.float32, dy: np.float32
 ) -> tuple[np.float32, np.float32]:
     """Return the descent (column, row) at offsets dx, dy in cells from a cell's center.
 

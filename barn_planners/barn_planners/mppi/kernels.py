@@ -135,11 +135,7 @@ def add_obstacle_costs(
 
 @kernel
 def _find_cells(
-    x: Singles,
-    y: Singles,
-    cells: Bytes,
-    grid: Grid,
-    indices: MediumIntegers,
+    x: Singles, y: Singles, cells: Bytes, grid: Grid, indices: MediumIntegers
 ) -> None:
     """Write the flat index, row by row, of the cell at each point; -1 off the grid."""
     origin_x, origin_y, resolution = grid
@@ -171,10 +167,7 @@ def _sum_lethal_cells(cells: Bytes) -> MediumIntegers:
 
 @kernel
 def _edges_collide(
-    cells: Bytes,
-    grid: Grid,
-    lethal_counts: MediumIntegers,
-    corners: FloatArray,
+    cells: Bytes, grid: Grid, lethal_counts: MediumIntegers, corners: FloatArray
 ) -> bool:
     """Return whether a footprint's edges touch a lethal cell or leave the grid.
 
@@ -252,11 +245,7 @@ def add_follow_costs(
 
 @kernel
 def add_angle_costs(
-    costs: FloatArray,
-    poses: Singles,
-    x: float,
-    y: float,
-    weight: float,
+    costs: FloatArray, poses: Singles, x: float, y: float, weight: float
 ) -> None:
     """Add to `costs` the weighted angle at trajectory ends from heading to a point.
 

@@ -320,10 +320,7 @@ def _add_points(line: Message, width_m: float, count: int) -> tuple[str, ...]:
 
 
 def _marker_template(
-    topic: Topic,
-    frame: str,
-    namespace: str,
-    markers: Iterable[_MarkerFields],
+    topic: Topic, frame: str, namespace: str, markers: Iterable[_MarkerFields]
 ) -> Template:
     """Return a template of markers that replace all earlier ones; all stamps vary."""
     # Viewers keep markers until told otherwise: the first marker deletes earlier ones.

@@ -124,10 +124,7 @@ DAMAGED = {
         header_with(layers=[11, -8, 2]),
         "but its arrays have (11, 8, 2)",
     ),
-    "layers no list": (
-        header_with(layers=None),
-        "layers must be a list, got None",
-    ),
+    "layers no list": (header_with(layers=None), "layers must be a list, got None"),
     "too many layers": (
         header_with(layers=[11] * 40),
         "layers must list 2 to 17 sizes",

@@ -2,9 +2,11 @@
 
 import difflib
 import logging
+import math
 import multiprocessing
 import re
 import reprlib
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from enum import IntEnum
@@ -137,6 +139,19 @@ def note(text: str) -> None:
     """
     if multiprocessing.parent_process() is None:
         logger.warning("%s", text)
+
+
+def parse_number(text: str) -> float:
+    """Return text as float; NaN if it is none, or one for Python only, such as 1_000."""
+    try:
+        return float(text) if text.isascii() and "_" not in text else math.nan
+    except ValueError:
+        return math.nan
+
+
+def find_duplicates(names: Iterable[Any]) -> list[Any]:
+    """Return the names that occur more than once."""
+    return [name for name, count in Counter(names).items() if count > 1]
 
 
 def list_names(names: Iterable[object]) -> str:

@@ -5,11 +5,12 @@ suite's own files are read as YAML 1.2, others as the programs do that use them.
 """
 
 import re
-from collections import Counter
 from collections.abc import Hashable
 from typing import TYPE_CHECKING, Any
 
 import yaml
+
+from barn_worlds.base.errors import find_duplicates
 
 _TAG = "tag:yaml.org,2002:"
 _FLOAT = r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?"
@@ -33,9 +34,8 @@ class _UniqueKeyLoader(_Base):
         self, node: yaml.MappingNode, deep: bool = False
     ) -> dict[Hashable, Any]:
         """Return the data in a node; ValueError if a key occurs twice."""
-        for key, count in Counter(str(key.value) for key, _ in node.value).items():
-            if count > 1:
-                raise ValueError(f"key {key!r:.60} occurs twice; keep only one")
+        for key in find_duplicates(str(key.value) for key, _ in node.value):
+            raise ValueError(f"key {key!r:.60} occurs twice; keep only one")
         return super().construct_mapping(node, deep)
 
 

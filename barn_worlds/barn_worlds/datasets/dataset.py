@@ -31,8 +31,9 @@ _FOLDER_KINDS = (
     (".map",),
     (".npy",),
 )
-# Files beside the .npy grids of the original data set that are not worlds.
-_COMPANION_FILES = ("path_", "cspace_", "metrics_")
+# Beginnings of names of hidden files, and of files beside the .npy grids of the original
+# data set, which are not worlds.
+_COMPANION_FILES = (".", "path_", "cspace_", "metrics_")
 
 
 @dataclass(frozen=True, eq=False)

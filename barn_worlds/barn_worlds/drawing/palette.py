@@ -48,15 +48,7 @@ UNMOVED = "#5132ae"
 BROKEN = "#555153"
 
 # Planners take these in order, dark and light in turn.
-PLANNERS = (
-    "#2f5fca",
-    "#e86011",
-    "#091614",
-    "#9c5372",
-    "#653d2d",
-    "#698db0",
-    "#2a2a60",
-)
+PLANNERS = ("#2f5fca", "#e86011", "#091614", "#9c5372", "#653d2d", "#698db0", "#2a2a60")
 
 # What planners and outcomes are on dark paper, by their color on white.
 ON_DARK = {

@@ -37,6 +37,8 @@ _WITHOUT_OBSTACLES = re.compile(
     r"(.*/)?(sun|ground[ _]plane)(/(\d+|tip))?(/files/model\.sdf)?/?", re.IGNORECASE
 )
 
+_NO_BITS = re.compile(r"\s*(0x)?0+\s*", re.IGNORECASE)
+
 
 class GazeboFile:
     """The content of a Gazebo world file.
@@ -209,7 +211,8 @@ class GazeboFile:
             is_known = _WITHOUT_OBSTACLES.fullmatch(unquote(uri))
             if element.tag == "include" and not is_known:
                 raise self._error(
-                    f"included model {uri!r:.80} is unknown; known: sun, ground_plane"
+                    f"included model {uri!r:.80} is unknown; known: sun, ground_plane; "
+                    "write the model itself there, or save a map of the world"
                 )
         return Scope(world, self._where, Transform(), state)
 
@@ -224,7 +227,10 @@ class GazeboFile:
         """
         where = model.where
         if model.element.find("include") is not None:
-            raise WorldError(f"{where}: <include> inside a model is not supported")
+            raise WorldError(
+                f"{where}: <include> inside a model is not supported; write the model "
+                "itself there, or save a map of the world and name its YAML file"
+            )
         for inner_model, inner_scale in model.models():
             yield from self._read_model(inner_model, inner_scale)
         for link in model.element.findall("link"):
@@ -326,7 +332,8 @@ def _read_collision(
 ) -> Iterator[tuple[float, float, float]]:
     """Yield x, y, radius of a cylinder, nothing for plane or empty; else WorldError.
 
-    Raises WorldError for other shapes and for cylinders that robots would not meet.
+    Shapes without contact bits yield nothing: robots drive through them. WorldError for
+    other shapes and for cylinders that robots would not meet.
 
     Args:
         collision: The element.
@@ -334,13 +341,20 @@ def _read_collision(
         scale: Factor on the radius.
         where: Path of the file and name of the model, to begin messages with.
     """
+    bits = collision.findtext("surface/contact/collide_bitmask", "65535")
+    category_bits = collision.findtext("surface/contact/category_bitmask", bits)
+    if _NO_BITS.fullmatch(bits) and _NO_BITS.fullmatch(category_bits):
+        return
     shapes = collision.findall("geometry/*")
     kinds = [str(shape.tag) for shape in shapes]
     if kinds in (["plane"], ["empty"]):
         return
     if kinds != ["cylinder"]:
         names = ", ".join(kinds)[:60] or "none"
-        raise WorldError(f"{where}: shape must be one cylinder, got {names}")
+        raise WorldError(
+            f"{where}: shape must be one cylinder, got {names}; for other shapes, "
+            "save a map of the world with Nav2's map_saver and name its YAML file"
+        )
     _require_upright(pose, where)
     (radius,) = read_numbers(shapes[0].findtext("radius"), 1, f"{where}: radius")
     (length,) = read_numbers(shapes[0].findtext("length", "1"), 1, f"{where}: length")

@@ -9,6 +9,7 @@ import os
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from difflib import get_close_matches
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -56,6 +57,7 @@ UNKNOWN = -1
 LARGEST_YAML = 64 * 1024
 MODES = ("trinary", "scale", "raw")
 _IMAGE_FORMATS = ("PPM", "PNG", "BMP", "JPEG", "GIF", "TIFF", "WEBP", "TGA", "PCX")
+_ORIENTATION = 274  # tag of a TIFF file
 _OWN_KEYS = ("start", "goal", "routes")  # unknown to map_server
 _NUMBERS = ("resolution", "origin", "occupied_thresh", "free_thresh")
 _PARSERS: dict[str, Callable[[str], Any]] = {
@@ -304,13 +306,15 @@ def read_map(path: Path, map_file: MapFile | None = None) -> OccupancyMap:
     """
     map_file = map_file or read_map_file(path)
     image = path.parent / map_file.image
-    # Path.exists would raise an error for names that are too long.
-    if not os.path.exists(image):  # noqa: PTH110
+    # Path.is_file would raise an error for names that are too long.
+    if not os.path.isfile(image):  # noqa: PTH113
         # Maps that were copied may still name where their image was.
-        names = os.listdir(path.parent)  # noqa: PTH208
+        files = os.listdir(path.parent)  # noqa: PTH208
+        similar = get_close_matches(image.name, files, n=1)
+        hint = f"; did you mean {similar[0]!r}?" if similar else ""
         raise WorldError(
-            f"{path}: image: {map_file.image!r:.200} does not exist; put the image "
-            f"there, or change image{suggest_similar(image.name, names)}"
+            f"{path}: image: {map_file.image!r:.200} is not a file; put the image "
+            f"there, or change image{hint}"
         )
     gray, is_opaque = _read_image(image)
     data = np.where(is_opaque, _cell_values(gray, map_file), UNKNOWN)
@@ -441,6 +445,9 @@ def _read_image(path: Path) -> tuple[Floats, BoolGrid]:
                 raise ValueError(
                     f"must have at most {LARGEST_MAP} pixels, got {image.size}"
                 )
+            if image.format == "TIFF":
+                # Pillow would turn the image as the file asks; map_server does not.
+                image.getexif()[_ORIENTATION] = 1
             if image.mode.startswith("I") and "transparency" not in image.info:
                 # 16 bits of gray.
                 gray: Floats = np.asarray(image, np.float64) / 257.0

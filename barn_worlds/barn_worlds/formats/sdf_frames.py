@@ -9,7 +9,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from barn_worlds.base.errors import WorldError, suggest
+from barn_worlds.base.errors import WorldError, parse_number, suggest
 from barn_worlds.geometry.transform import Transform, quaternion_matrix, rotation_matrix
 
 _SCOPES = {"world": "world", "model": "__model__"}  # name of its own frame, by tag
@@ -21,7 +21,7 @@ _SEPARATOR = "::"
 class Scope:
     """A world or a model, which gives names a meaning and a pose in the world.
 
-    Methods raise WorldError for invalid poses and unknown names.
+    Methods raise WorldError for invalid poses and unknown names or names given twice.
     """
 
     def __init__(self, element: Element, where: str, pose: Transform, state: Element):
@@ -38,9 +38,17 @@ class Scope:
         self.where = where
         self.pose = pose
         self._frame_name = _SCOPES[element.tag]
-        self._elements = {
-            child.get("name", ""): child for child in element if child.tag in _FRAMES
-        }
+        self._elements: dict[str, Element] = {}
+        for child in element:
+            if child.tag not in _FRAMES:
+                continue
+            name = child.get("name", "")
+            if name in self._elements:
+                raise WorldError(
+                    f"{self._describe(child)} has the name of another element; "
+                    "give it its own name"
+                )
+            self._elements[name] = child
         self._states = {(child.tag, child.get("name")): child for child in state}
         # Poses by name; None while a pose is being computed.
         self._frames: dict[str, Transform | None] = {self._frame_name: pose}
@@ -178,10 +186,7 @@ def read_numbers(text: str | None, count: int, where: str) -> list[float]:
     Raises:
         WorldError: If there are more or fewer, or one is not a number below 1e6.
     """
-    try:
-        numbers = [float(word) for word in (text or "").split()]
-    except ValueError:
-        numbers = []
+    numbers = [parse_number(word) for word in (text or "").split()]
     # NaN fails the comparison.
     if len(numbers) != count or not all(abs(number) < 1e6 for number in numbers):
         raise WorldError(f"{where} must be {count} finite numbers, got {text!r:.60}")

@@ -16,7 +16,7 @@ from barn_worlds.formats.gazebo import GazeboFile
 from barn_worlds.formats.npz import read_npy
 from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.cells import STANDARD_CELL_M
-from barn_worlds.worlds.course import build_world, parse_course, plan_course
+from barn_worlds.worlds.course import Course, build_world, parse_course, plan_course
 from barn_worlds.worlds.cspace import configuration_space
 from barn_worlds.worlds.path_planner import plan_through
 from barn_worlds.worlds.world import Provenance, World, validate_grid
@@ -159,8 +159,7 @@ def _read_gazebo(path: Path, robot: Robot, name: str) -> World:
         return build_world(name, *open_grid, robot, provenance, course)
 
     grid, resolution_m = file.grid()
-    world = _build_beside(path, grid, resolution_m, robot, name, "world_file")
-    return world if course is None else plan_course(world, robot, course)
+    return _build_beside(path, grid, resolution_m, robot, name, "world_file", course)
 
 
 def _read_map(path: Path, robot: Robot, name: str, route: str) -> World:
@@ -190,8 +189,7 @@ def _read_map(path: Path, robot: Robot, name: str, route: str) -> World:
             course,
         )
     grid = validate_grid(grid, str(path))
-    world = _build_beside(path, grid, resolution_m, robot, name, "map")
-    return world if course is None else plan_course(world, robot, course)
+    return _build_beside(path, grid, resolution_m, robot, name, "map", course)
 
 
 def _build_beside(
@@ -201,8 +199,9 @@ def _build_beside(
     robot: Robot,
     name: str,
     source: str,
+    course: Course | None = None,
 ) -> World:
-    """Build a grid's world with the path in path_N.npy beside it, else plan one."""
+    """Build a grid's world with a course, the path in path_N.npy, or a planned one."""
     # A path beside the file comes before one in the sibling folder.
     folders = [path.parent]
     if path.parent.name in _FOLDERS:
@@ -215,6 +214,7 @@ def _build_beside(
             path_file = file
             break
     footprint_cells = robot.footprint_cells(resolution_m)
-    return build_grid_world(
+    world = build_grid_world(
         name, grid, resolution_m, footprint_cells, source, path, path_file
     )
+    return world if course is None else plan_course(world, robot, course)

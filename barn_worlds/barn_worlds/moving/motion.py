@@ -6,14 +6,18 @@ motion, and obstacles pass through each other and through walls.
 
 import json
 import math
-from collections import Counter
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.config import Checked, as_dict, quantity
-from barn_worlds.base.errors import ConfigError, WorldError, format_value
+from barn_worlds.base.errors import (
+    ConfigError,
+    WorldError,
+    find_duplicates,
+    format_value,
+)
 
 # Of a world.
 MOST_MOVING = 1000
@@ -248,11 +252,10 @@ def check_scene(
     """
     _check_limit("walls", len(walls), MOST_WALLS, where)
     _check_limit("moving obstacles", len(moving), MOST_MOVING, where)
-    for name, count in Counter(obstacle.name for obstacle in moving).items():
-        if count > 1:
-            raise WorldError(
-                f"{where}: two moving obstacles have the name {format_value(name)}"
-            )
+    for name in find_duplicates(obstacle.name for obstacle in moving):
+        raise WorldError(
+            f"{where}: two moving obstacles have the name {format_value(name)}"
+        )
 
 
 def _check_limit(things: str, count: int, limit: int, where: str) -> None:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
-from xml.etree.ElementTree import Element, ParseError
+from xml.etree.ElementTree import Element, ParseError, tostring
 
 import numpy as np
 from defusedxml.common import DefusedXmlException
@@ -22,8 +22,11 @@ from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import (
     ConfigError,
     convert_os_errors,
+    find_duplicates,
     format_error,
     list_names,
+    note,
+    parse_number,
     suggest,
 )
 from barn_worlds.base.files import read_at_most
@@ -37,6 +40,9 @@ _LARGEST_SHIFT_M = 0.002  # between a wheel and the mirror image of its partner
 _ALONG = 0.99  # least cosine between an axis and the direction that it should have
 _MOMENTS = (("ixx", "ixy", "ixz"), ("ixy", "iyy", "iyz"), ("ixz", "iyz", "izz"))
 _WHEEL = re.compile("wheel|tire|tyre", re.IGNORECASE)
+_SIDEWAYS = re.compile(
+    "mecanum|omni_?wheel|omni_?directional|holonomic|planar_move|swerve", re.IGNORECASE
+)
 _CASTER = re.compile("caster|castor|swivel", re.IGNORECASE)
 
 
@@ -80,15 +86,25 @@ def read_chassis(path: Path) -> tuple[dict[str, Any], str]:
         tags = " ".join(str(element.tag) for element in root.iter())
         if path.suffix == ".xacro" or "xacro}" in tags:
             root = fromstring(_run_xacro(path))
+        sideways = _SIDEWAYS.search(tostring(root, "unicode"))
+        if sideways:
+            note(
+                f"{path}: has {sideways[0]!r} in it; its wheels are taken for plain "
+                "wheels, which do not move sideways"
+            )
         links = _read_links(root)
         wheels, lack = _read_wheels(links)
         fields = _read_inertia(links) | wheels
         if "base_footprint" in links:
             fields["base_height_m"] = -float(links["base_footprint"].pose.offset[2])
         return fields, lack
-    except (ParseError, DefusedXmlException, ValueError, LookupError) as error:
+    except DefusedXmlException:
         raise ConfigError(
-            f"{path}: not a URDF that can be used: {format_error(error)}"
+            f"{path}: document types and entities are not allowed"
+        ) from None
+    except (ParseError, ValueError, LookupError) as error:
+        raise ConfigError(
+            f"{path}: not a URDF; missing or wrong: {format_error(error)}"
         ) from None
 
 
@@ -136,6 +152,12 @@ def _read_links(root: Element) -> dict[str, Link]:
             f"must have a link base_link, and 1 to {_MOST_LINKS} links"
             f"{suggest('base_link', elements)}"
         )
+    children = [
+        _child(joint, "child").attrib["link"] for joint in root.findall("joint")
+    ]
+    names = [element.attrib["name"] for element in root.findall("link")]
+    for name in find_duplicates(names) + find_duplicates(children):
+        raise ValueError(f"link {name!r:.60} must occur once, on at most one joint")
     # Parent and element of each joint by its child link.
     joints: dict[str, tuple[str, Element]] = {}
     for joint in root.findall("joint"):
@@ -184,7 +206,7 @@ def _read_inertia(links: dict[str, Link]) -> dict[str, Any]:
         if inertial is None:
             continue
         pose = link.pose @ _read_origin(inertial)
-        masses.append(float(_child(inertial, "mass").attrib["value"]))
+        masses.append(parse_number(_child(inertial, "mass").attrib["value"]))
         centers.append(pose.offset)
         moments = _child(inertial, "inertia").attrib
         tensor = np.array([[float(moments[key]) for key in row] for row in _MOMENTS])
@@ -299,7 +321,7 @@ def _read_triple(parent: Element, tag: str, key: str) -> Floats:
     """Return a child attribute's numbers (3,), 0 if missing; ValueError for others."""
     child = parent.find(tag)
     text = "0 0 0" if child is None else child.get(key, "0 0 0")
-    numbers = np.array([float(word) for word in text.split()])
+    numbers = np.array([parse_number(word) for word in text.split()])
     if numbers.shape != (3,) or not np.isfinite(numbers).all():
         raise ValueError(f"must be three numbers: {text!r}")
     return numbers

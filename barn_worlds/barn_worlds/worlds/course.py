@@ -44,12 +44,16 @@ def parse_course(numbers: Sequence[float], where: str) -> Course:
         where: Beginning of the error message, such as the name of a file.
 
     Raises:
-        WorldError: If these are not five or six finite numbers.
+        WorldError: If these are not five or six finite numbers, or a yaw is in degrees.
     """
     if len(numbers) not in (5, 6) or not all(map(math.isfinite, numbers)):
         raise WorldError(
             f"{where} must be x, y, yaw of the start and x, y (, yaw) of the goal, "
             f"got {list(numbers)}"
+        )
+    if any(abs(yaw) > math.tau for yaw in numbers[2::3]):
+        raise WorldError(
+            f"{where} must have yaws of at most 6.28 rad, got {list(numbers)}"
         )
 
     x, y, yaw, goal_x, goal_y, *goal_yaw = map(float, numbers)

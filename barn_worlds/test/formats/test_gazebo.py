@@ -37,6 +37,10 @@ def document(*parts):
     return f"<sdf version='1.6'><world name='default'>{''.join(parts)}</world></sdf>".encode()
 
 
+def one_model(**changes):
+    return document(model(**changes))
+
+
 def grid_in(content):
     return GazeboFile(content, "a.world").grid()
 
@@ -198,7 +202,7 @@ HALL = "<frame name='hall'><pose>2 4 0 0 0 {}</pose></frame>"
         ],
         [
             "<model name='o'><pose>3 4 0 0 0 1.570796327</pose><model name='m'>"
-            f"<link name='l'/><frame name='f'/>{LINK}</model></model>"
+            f"<link name='k'/><frame name='f'/>{LINK}</model></model>"
         ],
         # The defaults written out, and a tilt as physics leaves it.
         [
@@ -211,6 +215,16 @@ HALL = "<frame name='hall'><pose>2 4 0 0 0 {}</pose></frame>"
 )
 def test_poses_follow_the_frames_of_sdf(parts):
     assert centers_in(*parts) == [TURNED]
+
+
+def test_robots_drive_through_shapes_without_contact_bits():
+    contact = "<surface><contact><collide_bitmask>0x00</collide_bitmask>{}</contact></surface>"
+    no_bits = CYLINDER.format(contact.format(""))
+    one_bit = CYLINDER.format(contact.format("<category_bitmask>1</category_bitmask>"))
+    for collision, expected in ((no_bits, []), (one_bit, [[0.0, 0.0]])):
+        link = f"<link name='k'>{collision}</link>"
+        centers = centers_in(f"<model name='m'>{link}{LINK}</model>")
+        assert centers == [*expected, [1.0, 0.0]]
 
 
 def test_a_saved_world_is_as_gazebo_shows_it_after_loading():
@@ -288,42 +302,34 @@ EXTERNAL = b'<!DOCTYPE x [<!ENTITY f SYSTEM "file:///etc/passwd">]><sdf><world>&
             "must be <sdf> with one <world>, got <gazebo> with 1",
         ),
         (
-            document(model(pose="1 2 3")),
+            one_model(pose="1 2 3"),
             "model 'm': pose must be 6 finite numbers, got '1 2 3'",
         ),
-        (document(model(pose="nan 0 0 0 0 0")), "pose must be 6 finite numbers"),
-        (document(model(pose="x 0 0 0 0 0")), "pose must be 6 finite numbers"),
-        (document(model(pose="1e300 0 0 0 0 0")), "pose must be 6 finite numbers"),
-        (document(model(pose="-0.2 5.3 0 1.57 0 0")), "model 'm': leans by 1.57 rad"),
-        (document(model(pose="-0.2 5.3 1 0 0 0")), "from 0.5 to 1.5 m above"),
-        (document(model(pose="-0.2 5.3 -1 0 0 0")), "does not extend through 0.1 m"),
+        (one_model(pose="nan 0 0 0 0 0"), "pose must be 6 finite numbers"),
+        (one_model(pose="x 0 0 0 0 0"), "pose must be 6 finite numbers"),
+        (one_model(pose="1_0 0 0 0 0 0"), "pose must be 6 finite numbers"),
+        (one_model(pose="1e300 0 0 0 0 0"), "pose must be 6 finite numbers"),
+        (one_model(pose="-0.2 5.3 0 1.57 0 0"), "model 'm': leans by 1.57 rad"),
+        (one_model(pose="-0.2 5.3 1 0 0 0"), "from 0.5 to 1.5 m above"),
+        (one_model(pose="-0.2 5.3 -1 0 0 0"), "does not extend through 0.1 m"),
+        (one_model(attribute=" relative_to='mm'"), "no frame 'mm'; did you mean 'm'"),
+        (one_model(attribute=" relative_to='m'"), "frame 'm' is relative to itself"),
         (
-            document(model(attribute=" relative_to='mm'")),
-            "no frame 'mm'; did you mean 'm'",
-        ),
-        (
-            document(model(attribute=" relative_to='m'")),
-            "frame 'm' is relative to itself",
-        ),
-        (
-            document(model(attribute=" rotation_format='quat'")),
+            one_model(attribute=" rotation_format='quat'"),
             "unknown rotation_format 'quat'; did you mean 'quat_xyzw'",
         ),
         (
-            document(model(attribute=" rotation_format='quat_xyzw'")),
+            one_model(attribute=" rotation_format='quat_xyzw'"),
             "pose must be 7 finite numbers",
         ),
         (
             document(
-                model(
-                    pose="0 0 0 0 0 0 0",
-                    attribute=" rotation_format='quat_xyzw'",
-                )
+                model(pose="0 0 0 0 0 0 0", attribute=" rotation_format='quat_xyzw'")
             ),
             "quaternion of length 0",
         ),
         (
-            document(model(attribute=" rotation_format='quat_xyzw' degrees='true'")),
+            one_model(attribute=" rotation_format='quat_xyzw' degrees='true'"),
             "must not have both degrees and quat_xyzw",
         ),
         (b"<sdf><world/><world/></sdf>", "got <sdf> with 2"),
@@ -338,18 +344,15 @@ EXTERNAL = b'<!DOCTYPE x [<!ENTITY f SYSTEM "file:///etc/passwd">]><sdf><world>&
             document("<model name='m'>" * 2000 + "</model>" * 2000),
             "models are nested too deep",
         ),
-        (document(model(radius="")), "radius must be 1 finite numbers, got ''"),
-        (document(model(radius="-1")), "radius and length must be above 0"),
+        (one_model(radius=""), "radius must be 1 finite numbers, got ''"),
+        (one_model(radius="-1"), "radius and length must be above 0"),
         (
-            document(model(radius="0.001")),
+            one_model(radius="0.001"),
             "radius of a cylinder must be from 0.005 to 5 m, got 0.001",
         ),
+        (one_model(shape="box"), "shape must be one cylinder, got box"),
         (
-            document(model(shape="box")),
-            "shape must be one cylinder, got box",
-        ),
-        (
-            document(model(inside="<include><uri>model://sun</uri></include>")),
+            one_model(inside="<include><uri>model://sun</uri></include>"),
             "<include> inside a model",
         ),
         (
@@ -357,29 +360,31 @@ EXTERNAL = b'<!DOCTYPE x [<!ENTITY f SYSTEM "file:///etc/passwd">]><sdf><world>&
             "included model 'model://house' is unknown",
         ),
         (document("<actor name='a'/>"), "<actor> cannot be part"),
+        (document(model(), model()), "model 'm' has the name of another element"),
+        (one_model(inside="<frame name='l'/>"), "model 'm': frame 'l' has the"),
         (
-            document(model(), model(radius="0.08")),
+            document(model(), model("n", radius="0.08")),
             "must have the same radius, got 0.075 m and 0.08 m",
         ),
         (
-            document(model(pose="-0.2 5.325 0 0 0 0")),
+            one_model(pose="-0.2 5.325 0 0 0 0"),
             r"cylinder at \[-0.2, 5.325\] m is not on the grid of 0.15 m",
         ),
         (
-            document(model(), model(pose="0.075 5.325 0 0 0 0")),
+            document(model(), model("n", pose="0.075 5.325 0 0 0 0")),
             r"\[0.075, 5.325\] m is not on the grid",
         ),
-        (document(model(pose="-0.225 5.4 0 0 0 0")), "is not on the grid"),
-        (document(model(pose="-99999 5.325 0 0 0 0")), "is too far out"),
-        (document(model(), model(pose="-0.225 99999 0 0 0 0")), "is too far out"),
+        (one_model(pose="-0.225 5.4 0 0 0 0"), "is not on the grid"),
+        (one_model(pose="-99999 5.325 0 0 0 0"), "is too far out"),
+        (document(model(), model("n", pose="-0.225 99999 0 0 0 0")), "is too far out"),
         (
             document(
-                model(pose="-0.375 5.325 0 0 0 0"), model(pose="-0.225 3.075 0 0 0 0")
+                model("n", "-0.375 5.325 0 0 0 0"), model(pose="-0.225 3.075 0 0 0 0")
             ),
             r"stands at \[-0.225, 3.075\] m, in front of the field",
         ),
         (
-            document(model(), model(pose="-0.075 0.075 0 0 0 0")),
+            document(model(), model("n", pose="-0.075 0.075 0 0 0 0")),
             "of the containment is missing at",
         ),
     ],

@@ -240,12 +240,13 @@ def test_what_a_urdf_gives_and_lacks_is_said(
         load_robot(path)
 
 
-def test_wheels_are_known_in_any_case_and_as_tires(tmp_path):
+def test_wheels_are_known_in_any_case_and_as_tires_or_mecanum(tmp_path, caplog):
     path = tmp_path / "r.urdf"
     # xacro keeps comments, which may hold its tags.
     text = TURNED.replace("<link", "<!-- <xacro:x> --><link", 1)
-    path.write_text(text.replace('"wheel_', '"Tire_'), "utf-8")
+    path.write_text(text.replace('"wheel_', '"Mecanum_tire_'), "utf-8")
     assert read_chassis(path)[0]["track_m"] == 0.4
+    assert "has 'Mecanum' in it; its wheels are taken for plain" in caplog.text
 
 
 HUB = '<collision><geometry><sphere radius="0.02"/></geometry></collision>'
@@ -306,9 +307,20 @@ def test_links_of_a_urdf_are_placed_and_turned_by_their_joints(tmp_path):
 @pytest.mark.parametrize(
     "text, message",
     [
-        ("<robot><link/></robot>", "'name'"),
+        ("<robot><link/></robot>", "missing or wrong: 'name'"),
         ("<robot", "unclosed token"),
-        ('<!DOCTYPE r [<!ENTITY a "b">]><robot>&a;</robot>', "EntitiesForbidden"),
+        (
+            '<!DOCTYPE r [<!ENTITY a "b">]><robot>&a;</robot>',
+            "entities are not allowed",
+        ),
+        (
+            TURNED.replace('"bar"', '"wheel_left"', 1),
+            "link 'wheel_left' must occur once",
+        ),
+        (
+            TURNED.replace('child link="bar"', 'child link="wheel_left"'),
+            "on at most one joint",
+        ),
         ("<robot name='r'><link name='x'/></robot>", "must have a link base_link"),
         ("<robot name='r'><link name='base_link'/></robot>", "no link has a mass"),
         (TURNED.replace('value="2"', 'value="inf"'), "a mass is not a finite number"),

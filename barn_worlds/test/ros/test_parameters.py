@@ -140,8 +140,7 @@ def test_lists_may_be_empty_or_a_single_text(context, arguments, expected):
 
 
 @pytest.mark.parametrize(
-    "value, text",
-    [("exact", "exact"), ("0", "0"), ("[0,5]", "0,5"), ("1.5", "1.5")],
+    "value, text", [("exact", "exact"), ("0", "0"), ("[0,5]", "0,5"), ("1.5", "1.5")]
 )
 def test_a_number_serves_where_a_text_is_wanted(context, value, text):
     arguments = ["--ros-args", "-p", f"worlds:={value}"]

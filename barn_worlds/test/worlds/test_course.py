@@ -233,6 +233,7 @@ def test_a_course_is_put_in_place_of_a_worlds_own(driven):
             "course must be x, y, yaw of the start and x, y",
         ),
         (2.0, (0.0, 3.0, 1.0, 18.0), "course must be x, y, yaw of the start and x, y"),
+        (2.0, (0.0, 3.0, 90.0, 1.0, 18.0), "must have yaws of at most 6.28 rad"),
     ],
 )
 def test_a_course_that_cannot_be_driven_is_refused_in_one_line(

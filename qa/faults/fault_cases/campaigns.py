@@ -107,7 +107,7 @@ def _interrupt(lab: Lab, number: int) -> str:
     else:
         ended = lab.finish(run, 130)
         hold("the same command resumes" in ended.text, ended.text)
-    lab.until(lambda: not lab.processes(), "the end of the workers")
+    lab.wait_for_end()
     return resume(lab)
 
 
@@ -296,7 +296,7 @@ def worker_of_another_number(lab: Lab) -> str:
     run = start_two_rows(lab)
     kill([run.pid])
     lab.finish(run, -9)
-    lab.until(lambda: not lab.processes(), "the end of the workers")
+    lab.wait_for_end()
     return resume(lab, "--workers", 5)
 
 
@@ -311,5 +311,5 @@ def output_closed(lab: Lab) -> str:
     (lab.folder / "run.sh").write_text('"$@" 2>&1 | head -1\n')
     words = ["sh", str(lab.folder / "run.sh")]
     lab.finish(lab.start(*campaign(lab), prefix=words), None)
-    lab.until(lambda: not lab.processes(), "the end of the campaign")
+    lab.wait_for_end()
     return resume(lab)

@@ -72,7 +72,7 @@ def disk_read_only(lab: Lab) -> str:
         run = lab.start(*words)
         lab.wait_for_two_rows(out / "inner")
         kill([run.pid])
-        lab.until(lambda: not lab.processes(), "the end of the campaign")
+        lab.wait_for_end()
         subprocess.run(["mount", "-o", "remount,ro", str(out)], check=True)
         refusal = lab.expect_refusal(*words)
         hold(os.strerror(errno.EROFS) in refusal, refusal)

@@ -260,6 +260,10 @@ class Lab:
         pids = [process.pid for process in list_marked(self.mark)]
         return [pid for pid in pids if text in command_line(pid)]
 
+    def wait_for_end(self) -> None:
+        """Wait for the end of all processes with the mark."""
+        self.until(lambda: not self.processes(), "the end of all processes")
+
     def nodes(self, text: str) -> list[int]:
         """Return the processes of a node, not their launchers."""
         return [

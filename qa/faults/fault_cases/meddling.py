@@ -98,7 +98,7 @@ def _send_signal(lab: Lab, what: str, number: int, isolate: bool, expected: str)
     killed = what == "run" and not isolate
     lab.barn(*run, code=-signal.SIGKILL if killed else None)
     if killed:
-        lab.until(lambda: not lab.processes(), "the end of all processes")
+        lab.wait_for_end()
         lab.barn(*run, code=None)
     row = lab.row()
     attempts = row["wall_clock"]["attempts"]

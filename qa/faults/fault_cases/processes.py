@@ -194,7 +194,7 @@ def _stop(lab: Lab, number: int) -> str:
     send(run.pid, number)
     ended = lab.finish(run, 130)
     hold("the same command resumes" in ended.text, ended.text)
-    lab.until(lambda: not lab.processes(), "the end of all processes")
+    lab.wait_for_end()
     took = time.monotonic() - began
     lab.barn(*words(lab))
     return f"ended within {took:.0f} s; resumed: {same(lab)}"
@@ -218,7 +218,7 @@ def run_killed(lab: Lab) -> str:
     """
     run = start_driving(lab)
     kill([run.pid])
-    lab.until(lambda: not lab.processes(), "the end of all processes")
+    lab.wait_for_end()
     lab.barn(*words(lab))
     return same(lab)
 
@@ -240,7 +240,7 @@ def _kill_together(lab: Lab, guards: int) -> str:
     kill([run.pid, *lab.nodes("running.worker"), *sorted(guarding)[:guards]])
     run.wait()
     lab.until(lambda: not any_lives(note.read_text()), "the end of the daemon")
-    lab.until(lambda: not lab.processes(), "the end of all processes")
+    lab.wait_for_end()
     return "nothing is left"
 
 

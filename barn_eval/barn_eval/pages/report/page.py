@@ -60,10 +60,7 @@ _MM_PER_IN = 25.4
 
 
 def draw(
-    chart: Chart,
-    data: ChartData,
-    ax: TargetAxes = None,
-    width_mm: float | None = None,
+    chart: Chart, data: ChartData, ax: TargetAxes = None, width_mm: float | None = None
 ) -> list[Axes]:
     """Draw a chart and legend onto axes or a new figure; return the axes, [] if empty.
 
@@ -463,12 +460,7 @@ def write_assets(report: Report, folder: Path, width_mm: float | None = None) ->
     figures = list(report.figures.values())
     if width_mm is not None:
         jobs = [
-            partial(
-                finish_chart,
-                CHARTS[figure.name],
-                report,
-                width_mm=width_mm,
-            )
+            partial(finish_chart, CHARTS[figure.name], report, width_mm=width_mm)
             for figure in figures
         ]
         figures = run_forked(jobs, lambda _: None)

@@ -84,9 +84,7 @@ class DrivenTrial:
         return 0.0 if self.track is None else float(self.track.samples[-1, 0])
 
 
-def read_trials(
-    entries: Sequence[Entry],
-) -> tuple[list[DrivenTrial], dict[str, World]]:
+def read_trials(entries: Sequence[Entry]) -> tuple[list[DrivenTrial], dict[str, World]]:
     """Return all trials, whose tracks are read on demand, and worlds by checksum.
 
     Trials are in the order of the entries. Worlds that cannot be read are left out.
@@ -179,9 +177,7 @@ def positions_by_world(trials: Sequence[DrivenTrial]) -> dict[str, list[int]]:
 
 
 def page_data(
-    entries: Sequence[Entry],
-    trials: Sequence[DrivenTrial],
-    keys: Sequence[str] = (),
+    entries: Sequence[Entry], trials: Sequence[DrivenTrial], keys: Sequence[str] = ()
 ) -> tuple[dict[str, Any], list[list[Any]]]:
     """Return the page script's data and a row per trial; `keys` replace its measures.
 
@@ -252,9 +248,7 @@ def page_data(
 
 
 def world_part(
-    trials: Sequence[DrivenTrial],
-    positions: Sequence[int],
-    links: Mapping[Path, str],
+    trials: Sequence[DrivenTrial], positions: Sequence[int], links: Mapping[Path, str]
 ) -> dict[str, Any]:
     """Return a world and the records of its trials as JSON data for the page's script.
 

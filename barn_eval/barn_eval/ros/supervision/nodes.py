@@ -231,12 +231,7 @@ def planner(
         if executable is not None:
             words[:1] = executable.command
         return NodeProcess(
-            "planner",
-            tuple(words),
-            {},
-            foreign=True,
-            input=text,
-            executable=executable,
+            "planner", tuple(words), {}, foreign=True, input=text, executable=executable
         )
 
     # The node would not find presets of the protocol and changes by the robot itself.

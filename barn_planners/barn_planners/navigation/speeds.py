@@ -1,0 +1,22 @@
+"""Limits of speed that several planners have."""
+
+from dataclasses import dataclass
+
+from barn_worlds.base.config import Checked, quantity
+
+
+@dataclass(frozen=True)
+class SpeedConfig(Checked):
+    """Limits of the speeds that a planner commands."""
+
+    max_speed_mps: float = quantity(0.5, "highest forward speed", "m/s", 0.0, 5.0)
+    min_speed_mps: float = quantity(
+        0.1, "lowest forward speed while driving", "m/s", 0.0, 5.0
+    )
+    max_turn_radps: float = quantity(1.57, "highest yaw rate", "rad/s", 0.0, 10.0)
+
+    def __post_init__(self) -> None:
+        """Raise ConfigError if `min_speed_mps` exceeds `max_speed_mps`."""
+        super().__post_init__()
+        slower = f"must be at most max_speed_mps = {self.max_speed_mps:g}"
+        self.require(self.min_speed_mps <= self.max_speed_mps, "min_speed_mps", slower)
