@@ -51,6 +51,9 @@ class Segment:
     first: int  # index of its first pose
     end: int  # index after its last pose
     goal: Pose2D | None  # in the frame of the poses
+    goal_frame: str = ""
+    number: int = 1  # of its goal in the bag
+    home: Pose2D | None = None  # where the bag's first trial began
     # World, planner and repetition as a bag of the suite, or its name, has them.
     dataset: str = ""
     world: int = 0
@@ -89,6 +92,8 @@ def judge_segment(
         BagError: The poses are not those of the world.
     """
     drive = segment.drive
+    if segment.end - segment.first < 2:
+        raise BagError(f"{drive.path}: has no poses between this goal and the next")
     origin, remarks = _place_poses(segment, spec)
     clocks = drive.clocks[segment.first : segment.end]
     # Stamps of a clock that was set in the trial say nothing about its times.
@@ -168,6 +173,14 @@ def _place_poses(segment: Segment, spec: TrialSpec) -> tuple[Pose2D, list[str]]:
         )
     if segment.goal is None:
         return origin, []
+    # A loop's goal is where it begins.
+    is_loop = course.start.distance(course.goal) < _FARTHEST_START_M
+    home_m = segment.goal.distance(segment.home) if segment.home else math.inf
+    if home_m < _FARTHEST_START_M and not is_loop:
+        raise BagError(
+            f"{drive.path}: its goal is where the first trial began; a drive back is no"
+            f" trial of world {segment.world}"
+        )
     if spec.system.frame == "odom":
         # One heading of odometry is noisy; the direction of the goal is not.
         planned = course.start.inverse() @ course.goal

@@ -1,6 +1,7 @@
 """Trials judged from bags: by truth and odometry, converted, doubtful, incomplete."""
 
 import math
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -226,6 +227,34 @@ def test_each_goal_begins_a_trial(nearer, tmp_path):
     assert rows[2].observed.time_uncertainty_s < 1.0
 
 
+def test_goals_that_cannot_be_judged_leave_the_others(nearer, tmp_path, caplog):
+    messages = messages_of(nearer, kept)
+    (goal,) = [message for message in messages if message.topic == "/goal_pose"]
+    end_ns = messages[-1].stamp_ns
+
+    def back(content):
+        content.pose.position.x = content.pose.position.y = 0.1
+
+    def elsewhere(content):
+        content.header.frame_id = "elsewhere"
+
+    for change, stamp_ns in ((back, end_ns - 10**9), (elsewhere, end_ns - 10**8)):
+        messages.append(replace(edited(goal, change), stamp_ns=stamp_ns))
+    messages.append(replace(goal, stamp_ns=end_ns + 1))
+    messages.sort(key=lambda message: message.stamp_ns)
+    options = JudgeOptions(protocol=near(nearer))
+    for name, count, notes in (
+        ("gap_w0120_r00", 2, ["goal 2 is not judged: .*a drive back is no trial"]),
+        ("lab", 1, ["goal 2 .*counts as arrival", "goal 3 .*goal is in frame elsewhe"]),
+    ):
+        path = write_bag(tmp_path / name, messages)
+        _, rows = judge([path], tmp_path / f"out_{name}", options)
+        assert len(rows) == count
+        assert rows[0].outcome is Outcome.SUCCESS
+        for words in (*notes, "goal 4 is not judged: .*has no poses between"):
+            assert re.search(words, caplog.text)
+
+
 def test_what_is_doubtful_is_said_and_enters_the_uncertainty(judge_changed):
     def change(message):
         at_s = message.stamp_ns / 1e9
@@ -345,11 +374,20 @@ def no_heading(content):
     content.pose.pose.orientation.z = content.pose.pose.orientation.w = 0.0
 
 
+def only_pose(message):
+    return replace(message, topic="/mocap") if message.topic == "/goal_pose" else None
+
+
 @pytest.mark.parametrize(
     "change, options, words",
     [
         (without("/goal_pose"), {}, "has no goal .a topic of geometry_msgs/msg/Pose"),
-        (without("/odom", "/ground_truth/odom"), {}, "no poses of a robot on /odom"),
+        (
+            without("/odom", "/ground_truth/odom"),
+            {},
+            "no poses of a robot on /odom.*such as --pose /amcl_pose; it has",
+        ),
+        (only_pose, {}, "no poses of a robot.*such as --pose /mocap; it has /mocap"),
         (kept, {"pose": "/pose"}, "has no topic /pose; it has /cmd"),
         (kept, {"pose": "/tf:a.b"}, "on /tf:a.b .tf has .*odom to bas"),
         (

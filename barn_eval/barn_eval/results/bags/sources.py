@@ -1,6 +1,7 @@
 """Find the topics of any bag that have poses, scans, commands and goals."""
 
 import math
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -17,6 +18,9 @@ _ODOMETRY = topics.ODOM.type_name
 _POSE = topics.GOAL_POSE.type_name
 _POSE_TYPES = (_ODOMETRY, topics.AMCL_POSE.type_name, _POSE)
 _TRUTH = topics.GROUND_TRUTH.path
+
+# Topics of poses that are not where the robot is.
+_OTHER_POSES = re.compile("goal|initial_?pose")
 
 # Topics that may have any name if they are the only ones of their type.
 _BY_TYPE = (topics.ODOM, topics.SCAN, topics.CMD_VEL, topics.CMD_VEL_STAMPED)
@@ -151,14 +155,16 @@ class TopicChoice:
         for name, path in self.paths.items():
             if path == topics.ODOM.path and self._bag.types[name] in _POSE_TYPES:
                 return PoseReader(name.removeprefix(sources.namespace), {name}, [])
-        advice = f"frames of tf, such as --pose {_TF}odom.base_link"
-        odometry = self._of_type(_ODOMETRY)
-        if odometry:
-            advice = f"such as --pose {odometry[0]}"
+        candidates = [name for kind in _POSE_TYPES for name in self._of_type(kind)]
+        candidates = [name for name in candidates if not _OTHER_POSES.search(name)]
+        if self._of_type(topics.TF.type_name):
+            candidates.append(f"{_TF}odom.base_link")
+        advice = "; the bag has no such topic and no tf"
+        if candidates:
+            advice = f"; name them, such as --pose {candidates[0]}"
         raise BagError(
             f"{self._bag.path}: no poses of a robot on {sources.pose or topics.ODOM.path}"
-            f" or on one topic of {', '.join(_POSE_TYPES)}; name them, {advice}"
-            f"{self.list_topics()}"
+            f" or on one topic of {', '.join(_POSE_TYPES)}{advice}{self.list_topics()}"
         )
 
 
