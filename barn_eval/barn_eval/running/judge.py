@@ -286,10 +286,10 @@ def _collect(segments: Sequence[Segment], make: Callable[[Segment], T]) -> dict[
         except BarnError as error:
             refused.append((segment, error))
     paths = {other.drive.path for other in segments if other.trial_id in results}
-    for segment, error in refused:
+    for segment, reason in refused:
         if segment.drive.path not in paths:
-            raise error
-        note(f"goal {segment.number} is not judged: {error}")
+            raise reason
+        note(f"goal {segment.number} is not judged: {reason}")
     return results
 
 
@@ -362,10 +362,15 @@ def _unknown_world(
         goal = start @ Pose2D(x, y, yaw).inverse() @ Pose2D(goal_x, goal_y, 0.0)
     if goal is None:
         drive = segment.drive
-        reason = "has no goal (a topic of geometry_msgs/msg/PoseStamped)"
+        reason = "has no goal on /goal_pose or on one topic that ends in goal"
         if drive.goals:
-            reason = f"its goal is in frame {segment.goal_frame}, but poses are in {drive.frame}"
-        raise BagError(f"{path}: {reason}; name a goal by --goal, --world or --course")
+            reason = f"its goal is in frame {segment.goal_frame!r}, but poses are in {drive.frame!r}"
+        option = "--goal"
+        if drive.goal_topics and not drive.goals:
+            option = f"--goal {drive.goal_topics[0]}"
+        raise BagError(
+            f"{path}: {reason}; name a goal by {option}, --world or --course"
+        )
     ends = np.array([(start.x, start.y), (goal.x, goal.y)])
     corner_x, corner_y = (ends.min(axis=0) - _CELL_M).tolist()
     # The world refuses more cells than that.

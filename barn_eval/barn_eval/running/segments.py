@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from barn_eval.results.bags.decode import find_mount
 from barn_eval.results.bags.observed import ObservedDrive
 from barn_eval.results.run_file import WORLDS
 from barn_eval.trials.result import Outcome, format_trial_id
@@ -16,6 +17,7 @@ from barn_eval.trials.trial import (
     FinishedTrial,
     RunningTrial,
     arrival_error_s,
+    doubt_jumps,
     finish_trial,
 )
 from barn_worlds.base.arrays import Floats, side_lengths
@@ -37,7 +39,9 @@ _LARGEST_TURN_RAD = 0.1  # of the goal seen from the start against the world's
 _FARTHEST_GOAL_M = 0.1  # from the world's goal, before a remark says so
 # Scans of fewer degrees see too little of what is near the robot.
 _NARROWEST_SCAN_RAD = math.pi
+_DEEPEST_M = 0.05  # within the robot, for what a lidar sees to be no part of it
 _GAP_PERIODS = 3.0  # without a pose, before a remark says so
+_LONGEST_PERIOD_S = 0.5  # of poses, before a remark says so
 _TWIST_TOLERANCE = 0.1  # of positions against the twist, before a remark says so
 _CLOCK_TOLERANCE = 0.1  # of stamps against the log, before a remark says so
 _SHORTEST_M = 0.5  # of a drive whose positions and twists are compared
@@ -133,7 +137,8 @@ def judge_segment(
 
     clearance_by = "world"
     if not segment.is_known or spec.system.frame != "world":
-        clearance_m = _scan_clearances(drive, spec, used)
+        clearance_m, doubts = _scan_clearances(drive, spec, used)
+        remarks += doubts
         clearance_by = "scans" if np.isfinite(clearance_m).any() else ""
         trajectory = replace(trajectory, clearance_m=clearance_m)
     return finish_trial(
@@ -265,11 +270,13 @@ def _list_doubts(
         return [], 0.0
     period_s = float(np.median(periods_s))
     gap_s = float(periods_s.max())
-    doubts = []
+    doubts, uncertainty_s = doubt_jumps(trajectory)
     if gap_s > _GAP_PERIODS * period_s:
         doubts.append(f"no pose for {gap_s:.2f} s")
+    if period_s > _LONGEST_PERIOD_S:
+        doubts.append(f"poses come every {period_s:.2f} s")
     # The clock starts at a reading and stops at one, each up to a period late.
-    uncertainty_s = max(2.0 * period_s, gap_s)
+    uncertainty_s += max(2.0 * period_s, gap_s)
     poses = segment.drive.poses[segment.first : segment.end]
     stamps_ns = np.array([pose.content.stamp_ns for pose in poses])
     log_ns = segment.drive.log_times_ns[segment.first : segment.end]
@@ -295,12 +302,14 @@ def _list_doubts(
 
     driven_m = float(side_lengths(trajectory.truth).sum())
     twist_m = float(np.abs(trajectory.velocity[1:, 0]) @ periods_s)
-    if driven_m > _SHORTEST_M and abs(twist_m - driven_m) > _TWIST_TOLERANCE * driven_m:
+    error_m = abs(twist_m - driven_m)
+    if max(driven_m, twist_m) > _SHORTEST_M and error_m > _TWIST_TOLERANCE * driven_m:
         doubts.append(
             f"positions move {driven_m:.2f} m, but the twist says {twist_m:.2f} m:"
-            " stamps may not be the robot's"
+            " stamps may not be the robot's, or a unit is wrong"
         )
-        uncertainty_s += stamped_s * abs(twist_m / driven_m - 1.0)
+        # A robot that stands and turns its wheels tells nothing about its clock.
+        uncertainty_s += stamped_s * error_m / max(driven_m, _SHORTEST_M)
     return doubts, uncertainty_s
 
 
@@ -335,8 +344,8 @@ def _find_contacts(
 
 def _scan_clearances(
     drive: ObservedDrive, spec: TrialSpec, indices: Sequence[int]
-) -> Floats:
-    """Return the distance (n,) in m from the robot's outline to what its last scan hit.
+) -> tuple[Floats, list[str]]:
+    """Return (distance (n,) in m from the robot to what its last scan hit, remarks).
 
     NaN where there is no scan, or one that sees less than half of what is around.
 
@@ -347,6 +356,16 @@ def _scan_clearances(
     """
     lidar = spec.simulator.lidar
     built_in = Pose2D(lidar.mount_x_m, lidar.mount_y_m, lidar.mount_yaw_rad)
+    mounts = {}
+    remarks = []
+    for frame in sorted({logged.frame for logged in drive.scans}):
+        mount = find_mount(drive.links, frame)
+        mounts[frame] = mount or built_in
+        if mount is None:
+            remarks.append(
+                f"/tf_static lacks {frame or 'the lidar'}, so a"
+                f" {spec.simulator.chassis.name}'s lidar is assumed"
+            )
     gaps = np.full(len(drive.poses), np.nan)
     for logged in drive.scans:
         scan = logged.content
@@ -357,12 +376,14 @@ def _scan_clearances(
         ranges = scan.ranges[is_hit].astype(np.float64)
         bearings = angles[is_hit]
         points = np.column_stack([ranges * np.cos(bearings), ranges * np.sin(bearings)])
-        x, y = drive.mounts.get(logged.frame, built_in).transform(points).T
+        x, y = mounts[logged.frame].transform(points).T
         index = drive.index_at(logged.log_ns)
-        if index >= 0:
-            gap_m = spec.outline.distances(x, y).min()
-            gaps[index] = np.fmin(gaps[index], gap_m)
+        distances_m = spec.outline.distances(x, y)
+        # A lidar may see parts of its own robot.
+        outside_m = distances_m[distances_m > -_DEEPEST_M]
+        if index >= 0 and len(outside_m):
+            gaps[index] = np.fmin(gaps[index], outside_m.min())
     # Between two scans, the last one holds.
     sources = np.where(np.isfinite(gaps), np.arange(len(gaps)), 0)
     held: Floats = gaps[np.maximum.accumulate(sources)]
-    return held[list(indices)]
+    return held[list(indices)], remarks

@@ -41,6 +41,9 @@ STALLED = 10.0
 MAX_TEXT_LENGTH = 2000
 _MAX_ERROR_LENGTH = 300
 _ODOMETRY_DRIFT = 0.02  # share of the way by which odometry may be off
+# A step of poses beyond this is a jump: a distance, and a speed times the period.
+_JUMP_M = 0.25
+_FASTEST_MPS = 5.0
 _SCHEDULE_BYTES = 100  # more than three numbers of 64 bits take
 
 
@@ -393,6 +396,26 @@ def arrival_error_s(spec: TrialSpec, verdict: Verdict, trajectory: Trajectory) -
     left_m -= _ODOMETRY_DRIFT * side_lengths(truth).sum()
     is_near = left_m <= spec.scaled_protocol.goal_distance_m
     return seconds(int(np.ptp(trajectory.stamps_ns[np.argmax(is_near) :])))
+
+
+def doubt_jumps(trajectory: Trajectory) -> tuple[list[str], float]:
+    """Return (remark, error of times in s) if poses jump farther than a robot drives.
+
+    An arrival may then be one of the localization only, so times are off by any part of
+    the trial.
+
+    Args:
+        trajectory: The judged poses.
+    """
+    steps_m = side_lengths(trajectory.truth)
+    periods_s = np.diff(trajectory.stamps_ns) / NANOSECONDS_PER_SECOND
+    is_jump = steps_m > _JUMP_M + _FASTEST_MPS * periods_s
+    if not is_jump.any():
+        return [], 0.0
+    first = int(np.argmax(is_jump))
+    after_s = periods_s[: first + 1].sum()
+    remark = f"poses jump by {steps_m[first]:.2f} m after {after_s:.2f} s"
+    return [remark], float(periods_s.sum())
 
 
 def describe_error(error: Exception) -> str:

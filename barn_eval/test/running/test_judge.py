@@ -1,5 +1,6 @@
 """Trials judged from bags: by truth and odometry, converted, doubtful, incomplete."""
 
+import copy
 import math
 import re
 import shutil
@@ -238,20 +239,28 @@ def test_goals_that_cannot_be_judged_leave_the_others(nearer, tmp_path, caplog):
     def elsewhere(content):
         content.header.frame_id = "elsewhere"
 
-    for change, stamp_ns in ((back, end_ns - 10**9), (elsewhere, end_ns - 10**8)):
+    def lose(content):
+        content.pose.position.x = math.nan
+
+    changes = {back: end_ns - 10**9, elsewhere: end_ns - 10**8, lose: 0}
+    for change, stamp_ns in changes.items():
         messages.append(replace(edited(goal, change), stamp_ns=stamp_ns))
     messages.append(replace(goal, stamp_ns=end_ns + 1))
     messages.sort(key=lambda message: message.stamp_ns)
     options = JudgeOptions(protocol=near(nearer))
     for name, count, notes in (
         ("gap_w0120_r00", 2, ["goal 2 is not judged: .*a drive back is no trial"]),
-        ("lab", 1, ["goal 2 .*counts as arrival", "goal 3 .*goal is in frame elsewhe"]),
+        ("lab", 1, ["goal 2 .*counts as arrival", "goal 3 .*is in frame 'elsewhere'"]),
     ):
         path = write_bag(tmp_path / name, messages)
         _, rows = judge([path], tmp_path / f"out_{name}", options)
         assert len(rows) == count
         assert rows[0].outcome is Outcome.SUCCESS
-        for words in (*notes, "goal 4 is not judged: .*has no poses between"):
+        for words in (
+            *notes,
+            "a goal is ignored: values",
+            "goal 4 is not judged: .*has no poses between",
+        ):
             assert re.search(words, caplog.text)
 
 
@@ -281,6 +290,83 @@ def test_what_is_doubtful_is_said_and_enters_the_uncertainty(judge_changed):
     row = judge_changed(of_odometry(twice), "fast/gap_w0120_r00")
     assert "stamps may not be the robot's" in row.remarks
     assert row.observed.time_uncertainty_s > row.scores.duration_s / 2.0
+
+
+def hop(content):
+    content.pose.pose.position.x += 3.0 * (content.header.stamp.sec == 2)
+
+
+def shrink(content):
+    content.pose.pose.position.x *= 0.01
+    content.pose.pose.position.y *= 0.01
+
+
+@pytest.mark.parametrize(
+    "change, words",
+    [
+        (of_odometry(hop), "poses jump by 3.0. m after 2.00 s"),
+        (of_odometry(shrink), "positions move 0.0. m, but the twist says"),
+        (
+            lambda m: None if m.topic == "/odom" and m.stamp_ns % 10**9 else kept(m),
+            "poses come every 1.00 s",
+        ),
+    ],
+)
+def test_poses_that_jump_shrink_or_are_rare_are_doubtful(judge_changed, change, words):
+    row = judge_changed(change)
+    assert re.search(words, row.remarks)
+    assert row.observed.time_uncertainty_s >= min(2.0, row.scores.duration_s)
+
+
+def test_a_file_out_of_order_is_judged_in_the_order_of_the_log(
+    nearer, tmp_path, expected
+):
+    messages = messages_of(nearer, kept)
+    path = write_bag(tmp_path / "gap_w0120_r00", messages[::-1])
+    row = judge_one(path, tmp_path / "out", protocol=near(nearer))
+    assert row.scores == expected.scores
+
+
+def test_lidars_are_where_chains_of_transforms_say_and_see_no_part_of_the_robot(
+    judge_changed, expected
+):
+    def change(message):
+        if message.topic == "/scan":
+            return edited(message, see_itself)
+        return (
+            edited(message, chain) if message.topic == "/tf_static" else kept(message)
+        )
+
+    def see_itself(content):
+        content.range_min = 0.0
+        content.ranges = content.ranges.copy()
+        content.ranges[:20] = 0.12
+
+    def chain(content):
+        for link in content.transforms:
+            if link.child_frame_id == "lidar_link":
+                mast = copy.deepcopy(link)
+                mast.child_frame_id = link.header.frame_id = "mast"
+                link.transform.translation.x = 0.0
+        content.transforms.append(mast)
+
+    row = judge_changed(change)
+    assert row.measures.min_clearance_m == expected.measures.min_clearance_m
+    assert row.remarks == ""
+    row = judge_changed(without("/tf_static"), "lost/gap_w0120_r00")
+    assert "/tf_static lacks lidar_link, so a jackal's lidar is assumed" in row.remarks
+
+
+def test_a_bag_is_found_by_its_metadata_but_not_by_the_folder_around(
+    nearer, tmp_path, expected
+):
+    bag = write_bag(tmp_path / "bags" / "gap_w0120_r00", messages_of(nearer, kept))
+    row = judge_one(
+        bag / "metadata.yaml", tmp_path / "out", protocol=near(nearer), world="120"
+    )
+    assert row.scores == expected.scores
+    with refused("no .mcap, .* file.; the folders in it do: .*bags/.$", BagError):
+        judge_one(tmp_path / "bags", tmp_path / "out")
 
 
 def stamped(shift_s):
@@ -374,14 +460,18 @@ def no_heading(content):
     content.pose.pose.orientation.z = content.pose.pose.orientation.w = 0.0
 
 
-def only_pose(message):
-    return replace(message, topic="/mocap") if message.topic == "/goal_pose" else None
+def rename(content):
+    content.header.frame_id = "odom" if content.header.stamp.sec < 3 else "map"
+
+
+def only_pose(message, name="/mocap"):
+    return replace(message, topic=name) if message.topic == "/goal_pose" else None
 
 
 @pytest.mark.parametrize(
     "change, options, words",
     [
-        (without("/goal_pose"), {}, "has no goal .a topic of geometry_msgs/msg/Pose"),
+        (without("/goal_pose"), {}, "has no goal on /goal_pose or on one topic"),
         (
             without("/odom", "/ground_truth/odom"),
             {},
@@ -397,6 +487,13 @@ def only_pose(message):
         ),
         (kept, {"pose": "/scan"}, "no poses of a robot on /scan"),
         (kept, {"contact": "/scan"}, "/scan: must be a std_msgs/msg/Bool"),
+        (
+            lambda m: only_pose(m, "/r1/goal_pose") or m,
+            {},
+            "no goal on /goal_pose .*; name a goal by --goal /r1/goal_pose, --world",
+        ),
+        (of_odometry(rename), {}, "/odom: has poses in the frames 'odom' and 'map'"),
+        (lambda m: replace(m, stamp_ns=7), {}, "all its poses were logged at 7 ns"),
         (of_odometry(no_heading), {}, "on /odom .none was sent, or none is finite"),
         (
             kept,

@@ -308,13 +308,18 @@ class BagFile:
             if partial.exists():
                 hint = f"; there is an unfinished one, {partial}"
             raise BagError(f"{path}: no such bag{hint}")
+        if path.name == "metadata.yaml":
+            path = path.parent
         if path.is_file():
             return [path]
         for ending in _ENDINGS:
             files = sorted(path.glob(f"*{ending}"), key=_part_key)
             if files:
                 return files
-        raise BagError(f"{path}: holds no bag (no {', '.join(_ENDINGS)} file)")
+        hint = ""
+        if any(path.glob("*/metadata.yaml")):
+            hint = f"; the folders in it do: {path}/*"
+        raise BagError(f"{path}: holds no bag (no {', '.join(_ENDINGS)} file){hint}")
 
     def _read(self) -> Iterator[RawMessage]:
         """Yield messages of all files up to a problem; BagError if nothing was read."""

@@ -12,16 +12,17 @@ import numpy as np
 from barn_eval.results.bags.bagfile import BagFile, RawMessage
 from barn_eval.results.bags.decode import (
     TOPICS,
+    Links,
     frame_and_content,
     metadata,
-    read_mounts,
+    read_links,
 )
 from barn_eval.results.bags.sources import Sources, TopicChoice
 from barn_eval.trials.stamps import number_clocks
 from barn_eval.trials.system import NO_CONTACT
 from barn_worlds.base.arrays import Integers
-from barn_worlds.base.errors import BagError, MessageError, format_error
-from barn_worlds.base.types import Odometry, Pose2D
+from barn_worlds.base.errors import BagError, MessageError, format_error, note
+from barn_worlds.base.types import Odometry
 from barn_worlds.messages import decode, topics
 
 
@@ -43,11 +44,12 @@ class ObservedDrive:
     clock: str = "stamps"  # or "log" if poses have no stamps
     poses: list[Logged] = field(default_factory=list)  # Odometry
     goals: list[Logged] = field(default_factory=list)  # Pose2D
+    goal_topics: list[str] = field(default_factory=list)  # that may have goals
     contacts: list[Logged] = field(default_factory=list)  # bool
     commands: list[Logged] = field(default_factory=list)  # Velocity2D
     scans: list[Logged] = field(default_factory=list)  # Scan
     contact_source: str = NO_CONTACT
-    mounts: dict[str, Pose2D] = field(default_factory=dict)  # in base_link, by frame
+    links: Links = field(default_factory=dict)  # static transforms
     trial: dict[str, Any] = field(default_factory=dict)  # in bags of the suite
     problem: str = ""  # why the bag could not be read to its end
 
@@ -78,7 +80,7 @@ def read_observed_drive(path: Path, sources: Sources) -> ObservedDrive:
     bag = BagFile(path)
     choice = TopicChoice(bag, sources)
     reader = choice.pose_reader()
-    drive = ObservedDrive(path, reader.name)
+    drive = ObservedDrive(path, reader.name, goal_topics=choice.goals)
     for message in bag.messages({*choice.paths, *reader.topics}):
         try:
             if message.topic in reader.topics:
@@ -98,6 +100,7 @@ def read_observed_drive(path: Path, sources: Sources) -> ObservedDrive:
             if chain:
                 reason = f"other frames are between: --pose /tf:{'.'.join(chain)}"
         raise BagError(f"{path}: no poses of a robot on {reader.name} ({reason})")
+    _order_poses(drive)
     drive.frame = reader.frame
     drive.trial = metadata(bag, "barn.trial", "specification")
     if not any(pose.content.stamp_ns for pose in drive.poses):
@@ -105,6 +108,26 @@ def read_observed_drive(path: Path, sources: Sources) -> ObservedDrive:
         for number, (log_ns, pose, _) in enumerate(drive.poses):
             drive.poses[number] = Logged(log_ns, replace(pose, stamp_ns=log_ns))
     return drive
+
+
+def _order_poses(drive: ObservedDrive) -> None:
+    """Sort a drive's poses by the log if that mends their stamps; BagError without times.
+
+    A log's clock may be set back, but files may also be out of order.
+
+    Raises:
+        BagError: All poses were logged at one time, but their stamps differ.
+    """
+    stamps_ns = [pose.content.stamp_ns for pose in drive.poses]
+    log_ns = np.array([pose.log_ns for pose in drive.poses])
+    if np.ptp(log_ns) == 0 < np.ptp(stamps_ns):
+        raise BagError(
+            f"{drive.path}: all its poses were logged at {log_ns[0]} ns, so goals, scans"
+            " and contacts cannot be assigned to them; record the bag with times"
+        )
+    order = np.argsort(log_ns, kind="stable")
+    if (np.diff(np.take(stamps_ns, order)) < 0).sum() < (np.diff(stamps_ns) < 0).sum():
+        drive.poses = [drive.poses[index] for index in order]
 
 
 def _find_chain(links: Iterable[tuple[str, str]], frames: Sequence[str]) -> list[str]:
@@ -140,7 +163,11 @@ def _take_message(
     log_ns = message.stamp_ns
     data = message.data
     if topic == topics.GOAL_POSE.path:
-        frame, goal = frame_and_content(topic, message.type_name, data)
+        try:
+            frame, goal = frame_and_content(topic, message.type_name, data)
+        except MessageError as error:
+            note(f"{drive.path}: {message.topic}: a goal is ignored: {error}")
+            return
         drive.goals.append(Logged(log_ns, goal, frame.lstrip("/")))
     elif topic == topics.COLLISION.path and choice.sources.contact != NO_CONTACT:
         drive.contacts.append(Logged(log_ns, decode.boolean(data)))
@@ -152,4 +179,4 @@ def _take_message(
         frame = decode.header(data).frame
         drive.scans.append(Logged(log_ns, decode.scan(data), frame))
     elif topic == topics.TF_STATIC.path:
-        drive.mounts |= read_mounts(data)
+        drive.links |= read_links(data)

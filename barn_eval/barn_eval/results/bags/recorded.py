@@ -382,9 +382,13 @@ def _find_lidar(items: ItemsByTopic, trial: dict[str, Any]) -> tuple[Pose2D, str
     The pose is from static transforms, or else from the trial's specification.
     """
     frames = {item.frame for item in items[topics.SCAN]}
+    links: decode.Links = {}
     for item in items[topics.TF_STATIC]:
-        for frame in frames & item.content.keys():
-            return item.content[frame], ""
+        links |= item.content
+    for frame in sorted(frames):
+        lidar = decode.find_mount(links, frame)
+        if lidar is not None:
+            return lidar, ""
     mount = decode.read_specification(trial, "lidar", "mount_x_m")
     if mount is not None:
         return Pose2D(mount[0], 0.0, 0.0), ""

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 from barn_eval.results.bags.bagfile import BagFile, RawMessage
 from barn_eval.trials.system import NO_CONTACT
-from barn_worlds.base.errors import BagError, ConfigError, format_value
+from barn_worlds.base.errors import BagError, ConfigError, MessageError, format_value
 from barn_worlds.base.types import ORIGIN, Odometry, Pose2D, Velocity2D
 from barn_worlds.messages import decode, topics
 
@@ -61,6 +61,7 @@ class TopicChoice:
     Attributes:
         sources: Topics named by the user, with the namespace that was found.
         paths: Path of the suite's topic by the bag's topic.
+        goals: Topics that a goal may be on.
     """
 
     def __init__(self, bag: BagFile, sources: Sources):
@@ -96,7 +97,8 @@ class TopicChoice:
                 self._add(topic, topic.path)
         for topic in _BY_TYPE:
             self._add(topic, *self._of_type(topic.type_name))
-        goals = [name for name in self._of_type(_POSE) if name.endswith("goal")]
+        self.goals = [name for name in self._of_type(_POSE) if "goal" in name]
+        goals = [name for name in self.goals if name.endswith("goal")]
         self._add(topics.GOAL_POSE, *goals)
 
     def _add(self, topic: topics.Topic, *names: str) -> None:
@@ -143,7 +145,7 @@ class TopicChoice:
         # A bag that is cut off may lack topics.
         if not names and self._bag.problem:
             return f"; {self._bag.problem}"
-        return f"; it has {names or 'no topic'}"
+        return f"; it has {names or 'no messages'}"
 
     def pose_reader(self) -> "PoseReader":
         """Return a reader of the robot's poses; BagError with the topics if there is none."""
@@ -159,7 +161,7 @@ class TopicChoice:
         candidates = [name for name in candidates if not _OTHER_POSES.search(name)]
         if self._of_type(topics.TF.type_name):
             candidates.append(f"{_TF}odom.base_link")
-        advice = "; the bag has no such topic and no tf"
+        advice = ""
         if candidates:
             advice = f"; name them, such as --pose {candidates[0]}"
         raise BagError(
@@ -197,7 +199,10 @@ class PoseReader:
             yield from self._read_transforms(message)
             return
         header = decode.header(message.data)
-        self.frame = header.frame.lstrip("/")
+        frame = header.frame.lstrip("/")
+        if self.frame not in ("", frame):
+            raise MessageError(f"has poses in the frames {self.frame!r} and {frame!r}")
+        self.frame = frame
         if message.type_name == _ODOMETRY:
             yield decode.odometry(message.data)
         else:
