@@ -211,17 +211,9 @@ def _split_by_goals(drive: ObservedDrive) -> Iterator[Segment]:
                 continue
         last = first
         goals[first] = goal
-    ends = [*goals, count][1:]
-    for number, (first, goal) in enumerate(goals.items(), 1):
-        yield Segment(
-            drive,
-            first,
-            ends[number - 1],
-            goal=goal.content if goal.frame == drive.frame else None,
-            goal_frame=goal.frame,
-            number=number,
-            home=poses[min(goals)],
-        )
+    for (first, goal), end in zip(goals.items(), [*goals, count][1:], strict=True):
+        pose = goal.content if goal.frame == drive.frame else None
+        yield Segment(drive, first, end, pose, goal.frame, poses[min(goals)])
 
 
 def _identify(
@@ -289,7 +281,7 @@ def _collect(segments: Sequence[Segment], make: Callable[[Segment], T]) -> dict[
     for segment, reason in refused:
         if segment.drive.path not in paths:
             raise reason
-        note(f"goal {segment.number} is not judged: {reason}")
+        note(f"{segment.trial_id} is not judged: {reason}")
     return results
 
 
@@ -362,15 +354,11 @@ def _unknown_world(
         goal = start @ Pose2D(x, y, yaw).inverse() @ Pose2D(goal_x, goal_y, 0.0)
     if goal is None:
         drive = segment.drive
-        reason = "has no goal on /goal_pose or on one topic that ends in goal"
+        names = ", ".join(drive.goal_topics) or "none"
+        reason = f"has no goal on /goal_pose (topics that may have one: {names})"
         if drive.goals:
             reason = f"its goal is in frame {segment.goal_frame!r}, but poses are in {drive.frame!r}"
-        option = "--goal"
-        if drive.goal_topics and not drive.goals:
-            option = f"--goal {drive.goal_topics[0]}"
-        raise BagError(
-            f"{path}: {reason}; name a goal by {option}, --world or --course"
-        )
+        raise BagError(f"{path}: {reason}; name a goal by --goal, --world or --course")
     ends = np.array([(start.x, start.y), (goal.x, goal.y)])
     corner_x, corner_y = (ends.min(axis=0) - _CELL_M).tolist()
     # The world refuses more cells than that.

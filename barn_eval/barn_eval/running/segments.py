@@ -56,7 +56,6 @@ class Segment:
     end: int  # index after its last pose
     goal: Pose2D | None  # in the frame of the poses
     goal_frame: str = ""
-    number: int = 1  # of its goal in the bag
     home: Pose2D | None = None  # where the bag's first trial began
     # World, planner and repetition as a bag of the suite, or its name, has them.
     dataset: str = ""
@@ -178,10 +177,9 @@ def _place_poses(segment: Segment, spec: TrialSpec) -> tuple[Pose2D, list[str]]:
         )
     if segment.goal is None:
         return origin, []
-    # A loop's goal is where it begins.
-    is_loop = course.start.distance(course.goal) < _FARTHEST_START_M
-    home_m = segment.goal.distance(segment.home) if segment.home else math.inf
-    if home_m < _FARTHEST_START_M and not is_loop:
+    course_m = course.start.distance(course.goal)
+    home = segment.home
+    if home and segment.goal.distance(home) < _FARTHEST_START_M < course_m:
         raise BagError(
             f"{drive.path}: its goal is where the first trial began; a drive back is no"
             f" trial of world {segment.world}"

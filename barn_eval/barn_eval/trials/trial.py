@@ -412,9 +412,7 @@ def doubt_jumps(trajectory: Trajectory) -> tuple[list[str], float]:
     is_jump = steps_m > _JUMP_M + _FASTEST_MPS * periods_s
     if not is_jump.any():
         return [], 0.0
-    first = int(np.argmax(is_jump))
-    after_s = periods_s[: first + 1].sum()
-    remark = f"poses jump by {steps_m[first]:.2f} m after {after_s:.2f} s"
+    remark = f"poses jump by {steps_m[is_jump].max():.2f} m"
     return [remark], float(periods_s.sum())
 
 

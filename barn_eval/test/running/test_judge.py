@@ -115,10 +115,12 @@ def test_by_odometry_times_are_within_a_reading_and_clearance_is_by_scans(
     assert (expected.scores.efficiency, expected.speed_cap_mps) == (None, None)
 
 
-@pytest.mark.parametrize("kind", [*CONVERSIONS, *CHANGES])
+@pytest.mark.parametrize("kind", [*CONVERSIONS, *CHANGES, "backward"])
 def test_the_same_bag_in_any_form_gives_the_same_row(nearer, tmp_path, kind):
     change = CHANGES.get(kind, lambda message: message)
     messages = [change(message) for message in messages_of(nearer, kept)]
+    if kind == "backward":
+        messages.reverse()
     path = tmp_path / "gap_w0120_r00"
     if kind == "ros1":
         path = path.with_suffix(".bag")
@@ -135,6 +137,10 @@ def test_parts_without_their_metadata_are_read(nearer, tmp_path, expected):
     row = judge_one(database, tmp_path / "out", protocol=near(nearer), world="120")
     assert row.scores == expected.scores
     assert row.planner == "unknown"
+    own = judge_one(tmp_path / "bag" / "metadata.yaml", tmp_path / "own", world="120")
+    assert own.trial_id == row.trial_id
+    with refused("no .mcap, .* file.; the folders in it do: .*/.$", BagError):
+        judge_one(tmp_path, tmp_path / "none")
 
 
 def test_tf_gives_the_row_of_the_odometry(nearer, tmp_path, expected):
@@ -249,8 +255,19 @@ def test_goals_that_cannot_be_judged_leave_the_others(nearer, tmp_path, caplog):
     messages.sort(key=lambda message: message.stamp_ns)
     options = JudgeOptions(protocol=near(nearer))
     for name, count, notes in (
-        ("gap_w0120_r00", 2, ["goal 2 is not judged: .*a drive back is no trial"]),
-        ("lab", 1, ["goal 2 .*counts as arrival", "goal 3 .*is in frame 'elsewhere'"]),
+        (
+            "gap_w0120_r00",
+            2,
+            ["gap_w0120_r01 is not judged: .*a drive back is no trial"],
+        ),
+        (
+            "lab",
+            1,
+            [
+                "_w0001_r00 is .*counts as arrival",
+                "_w0002_r00 .*is in frame 'elsewhere'",
+            ],
+        ),
     ):
         path = write_bag(tmp_path / name, messages)
         _, rows = judge([path], tmp_path / f"out_{name}", options)
@@ -259,7 +276,7 @@ def test_goals_that_cannot_be_judged_leave_the_others(nearer, tmp_path, caplog):
         for words in (
             *notes,
             "a goal is ignored: values",
-            "goal 4 is not judged: .*has no poses between",
+            "0_r03 is not judged: .*has no poses between",
         ):
             assert re.search(words, caplog.text)
 
@@ -304,7 +321,7 @@ def shrink(content):
 @pytest.mark.parametrize(
     "change, words",
     [
-        (of_odometry(hop), "poses jump by 3.0. m after 2.00 s"),
+        (of_odometry(hop), "poses jump by 3.0. m"),
         (of_odometry(shrink), "positions move 0.0. m, but the twist says"),
         (
             lambda m: None if m.topic == "/odom" and m.stamp_ns % 10**9 else kept(m),
@@ -316,15 +333,6 @@ def test_poses_that_jump_shrink_or_are_rare_are_doubtful(judge_changed, change, 
     row = judge_changed(change)
     assert re.search(words, row.remarks)
     assert row.observed.time_uncertainty_s >= min(2.0, row.scores.duration_s)
-
-
-def test_a_file_out_of_order_is_judged_in_the_order_of_the_log(
-    nearer, tmp_path, expected
-):
-    messages = messages_of(nearer, kept)
-    path = write_bag(tmp_path / "gap_w0120_r00", messages[::-1])
-    row = judge_one(path, tmp_path / "out", protocol=near(nearer))
-    assert row.scores == expected.scores
 
 
 def test_lidars_are_where_chains_of_transforms_say_and_see_no_part_of_the_robot(
@@ -343,11 +351,10 @@ def test_lidars_are_where_chains_of_transforms_say_and_see_no_part_of_the_robot(
         content.ranges[:20] = 0.12
 
     def chain(content):
-        for link in content.transforms:
-            if link.child_frame_id == "lidar_link":
-                mast = copy.deepcopy(link)
-                mast.child_frame_id = link.header.frame_id = "mast"
-                link.transform.translation.x = 0.0
+        (lidar,) = (t for t in content.transforms if t.child_frame_id == "lidar_link")
+        mast = copy.deepcopy(lidar)
+        mast.child_frame_id = lidar.header.frame_id = "mast"
+        lidar.transform.translation.x = 0.0
         content.transforms.append(mast)
 
     row = judge_changed(change)
@@ -355,18 +362,6 @@ def test_lidars_are_where_chains_of_transforms_say_and_see_no_part_of_the_robot(
     assert row.remarks == ""
     row = judge_changed(without("/tf_static"), "lost/gap_w0120_r00")
     assert "/tf_static lacks lidar_link, so a jackal's lidar is assumed" in row.remarks
-
-
-def test_a_bag_is_found_by_its_metadata_but_not_by_the_folder_around(
-    nearer, tmp_path, expected
-):
-    bag = write_bag(tmp_path / "bags" / "gap_w0120_r00", messages_of(nearer, kept))
-    row = judge_one(
-        bag / "metadata.yaml", tmp_path / "out", protocol=near(nearer), world="120"
-    )
-    assert row.scores == expected.scores
-    with refused("no .mcap, .* file.; the folders in it do: .*bags/.$", BagError):
-        judge_one(tmp_path / "bags", tmp_path / "out")
 
 
 def stamped(shift_s):
@@ -471,7 +466,11 @@ def only_pose(message, name="/mocap"):
 @pytest.mark.parametrize(
     "change, options, words",
     [
-        (without("/goal_pose"), {}, "has no goal on /goal_pose or on one topic"),
+        (
+            without("/goal_pose"),
+            {},
+            "has no goal on /goal_pose .*one: none.; name a goal by --goal, ",
+        ),
         (
             without("/odom", "/ground_truth/odom"),
             {},
@@ -490,7 +489,7 @@ def only_pose(message, name="/mocap"):
         (
             lambda m: only_pose(m, "/r1/goal_pose") or m,
             {},
-            "no goal on /goal_pose .*; name a goal by --goal /r1/goal_pose, --world",
+            "no goal on /goal_pose .topics that may have one: /r1/goal_pose.; name a",
         ),
         (of_odometry(rename), {}, "/odom: has poses in the frames 'odom' and 'map'"),
         (lambda m: replace(m, stamp_ns=7), {}, "all its poses were logged at 7 ns"),

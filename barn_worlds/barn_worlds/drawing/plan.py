@@ -33,7 +33,6 @@ _MOST_TILES = 1000
 # Of a page of coordinates.
 _ROWS = 56
 _COLUMNS = 5
-_TITLES = "  no       x       y"
 
 
 @dataclass(frozen=True)
@@ -161,8 +160,7 @@ class CoursePlan:
             figure = self._page(title)
             for column in range(_COLUMNS):
                 top = begin + column * _ROWS
-                rows = lines[top : top + _ROWS]
-                text = "\n".join([_TITLES, *rows] if rows else [])
+                text = "\n".join(lines[top : top + _ROWS])
                 left = 0.06 + column * 0.18
                 figure.text(left, 0.93, text, va="top", size=7, family="monospace")
             yield figure

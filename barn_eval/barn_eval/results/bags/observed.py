@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,7 +18,7 @@ from barn_eval.results.bags.decode import (
     metadata,
     read_links,
 )
-from barn_eval.results.bags.sources import Sources, TopicChoice
+from barn_eval.results.bags.sources import PoseReader, Sources, TopicChoice
 from barn_eval.trials.stamps import number_clocks
 from barn_eval.trials.system import NO_CONTACT
 from barn_worlds.base.arrays import Integers
@@ -56,9 +57,7 @@ class ObservedDrive:
     @cached_property
     def log_times_ns(self) -> Integers:
         """Times (n,) at which the poses were logged; use it only on a complete drive."""
-        times_ns = np.array([pose.log_ns for pose in self.poses], np.int64)
-        # A recorder may write messages out of order.
-        return np.maximum.accumulate(times_ns)
+        return np.array([pose.log_ns for pose in self.poses], np.int64)
 
     @cached_property
     def clocks(self) -> Integers:
@@ -92,15 +91,15 @@ def read_observed_drive(path: Path, sources: Sources) -> ObservedDrive:
             raise BagError(f"{path}: {message.topic}: {format_error(error)}") from None
     drive.problem = bag.problem
     if not drive.poses:
-        reason = bag.problem or "none was sent, or none is finite"
-        if sources.frames:
-            links = sorted(f"{parent} to {child}" for parent, child in reader.links)
-            reason = f"tf has {', '.join(links) or 'no frames'}"
-            chain = _find_chain(reader.links, sources.frames)
-            if chain:
-                reason = f"other frames are between: --pose /tf:{'.'.join(chain)}"
+        reason = bag.problem or _explain_missing(reader, sources.frames)
         raise BagError(f"{path}: no poses of a robot on {reader.name} ({reason})")
-    _order_poses(drive)
+    # A file may be out of order.
+    drive.poses.sort(key=attrgetter("log_ns"))
+    if drive.poses[0].log_ns == drive.poses[-1].log_ns:
+        raise BagError(
+            f"{path}: all its poses were logged at {drive.poses[0].log_ns} ns, so goals,"
+            " scans and contacts cannot be assigned to them; record the bag with times"
+        )
     drive.frame = reader.frame
     drive.trial = metadata(bag, "barn.trial", "specification")
     if not any(pose.content.stamp_ns for pose in drive.poses):
@@ -110,24 +109,15 @@ def read_observed_drive(path: Path, sources: Sources) -> ObservedDrive:
     return drive
 
 
-def _order_poses(drive: ObservedDrive) -> None:
-    """Sort a drive's poses by the log if that mends their stamps; BagError without times.
-
-    A log's clock may be set back, but files may also be out of order.
-
-    Raises:
-        BagError: All poses were logged at one time, but their stamps differ.
-    """
-    stamps_ns = [pose.content.stamp_ns for pose in drive.poses]
-    log_ns = np.array([pose.log_ns for pose in drive.poses])
-    if np.ptp(log_ns) == 0 < np.ptp(stamps_ns):
-        raise BagError(
-            f"{drive.path}: all its poses were logged at {log_ns[0]} ns, so goals, scans"
-            " and contacts cannot be assigned to them; record the bag with times"
-        )
-    order = np.argsort(log_ns, kind="stable")
-    if (np.diff(np.take(stamps_ns, order)) < 0).sum() < (np.diff(stamps_ns) < 0).sum():
-        drive.poses = [drive.poses[index] for index in order]
+def _explain_missing(reader: PoseReader, frames: Sequence[str]) -> str:
+    """Return why a reader has found no poses, by topic or by `frames` of tf."""
+    if not frames:
+        return "none was sent, or none is finite"
+    chain = _find_chain(reader.links, frames)
+    if chain:
+        return f"other frames are between: --pose /tf:{'.'.join(chain)}"
+    links = sorted(f"{parent} to {child}" for parent, child in reader.links)
+    return f"tf has {', '.join(links) or 'no frames'}"
 
 
 def _find_chain(links: Iterable[tuple[str, str]], frames: Sequence[str]) -> list[str]:

@@ -1,7 +1,6 @@
 """Find the topics of any bag that have poses, scans, commands and goals."""
 
 import math
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -18,9 +17,6 @@ _ODOMETRY = topics.ODOM.type_name
 _POSE = topics.GOAL_POSE.type_name
 _POSE_TYPES = (_ODOMETRY, topics.AMCL_POSE.type_name, _POSE)
 _TRUTH = topics.GROUND_TRUTH.path
-
-# Topics of poses that are not where the robot is.
-_OTHER_POSES = re.compile("goal|initial_?pose")
 
 # Topics that may have any name if they are the only ones of their type.
 _BY_TYPE = (topics.ODOM, topics.SCAN, topics.CMD_VEL, topics.CMD_VEL_STAMPED)
@@ -157,8 +153,12 @@ class TopicChoice:
         for name, path in self.paths.items():
             if path == topics.ODOM.path and self._bag.types[name] in _POSE_TYPES:
                 return PoseReader(name.removeprefix(sources.namespace), {name}, [])
-        candidates = [name for kind in _POSE_TYPES for name in self._of_type(kind)]
-        candidates = [name for name in candidates if not _OTHER_POSES.search(name)]
+        candidates = [
+            name
+            for kind in _POSE_TYPES
+            for name in self._of_type(kind)
+            if name not in self.goals and not name.endswith("/initialpose")
+        ]
         if self._of_type(topics.TF.type_name):
             candidates.append(f"{_TF}odom.base_link")
         advice = ""
