@@ -202,8 +202,7 @@ def _widest_disc(centers: Floats, rows: float) -> float:
             break
 
         done[current] = True
-        lower_edge = rows - 1.0 - centers[current, 0]
-        best = min(best, max(lowest, lower_edge))
+        best = min(best, max(lowest, rows - 1.0 - centers[current, 0]))
         for i in range(count):
             if not done[i]:
                 row_offset = centers[i, 0] - centers[current, 0]

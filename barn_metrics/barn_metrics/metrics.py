@@ -228,8 +228,7 @@ def metric_maps(
     maps = np.full((len(CELL_METRICS), *cspace.shape), np.nan)
     # Metrics of occupied cells are undefined.
     maps[:, ~cspace] = cell_metrics(cspace, np.argwhere(~cspace), formula).T
-    names = [metric.name for metric in CELL_METRICS]
-    return dict(zip(names, maps, strict=True))
+    return dict(zip([metric.name for metric in CELL_METRICS], maps, strict=True))
 
 
 def _validate_cells(cspace: BoolGrid, cells: Cells) -> tuple[BoolGrid, Cells]:

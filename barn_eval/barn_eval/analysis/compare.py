@@ -476,8 +476,7 @@ def describe_parameter_changes(
     values_b = _read_parameters(b, planner_b)
     # A key begins with the name of the planner or node that it belongs to.
     owners_a = {key.partition(" ")[0] for key in values_a}
-    owners_b = {key.partition(" ")[0] for key in values_b}
-    shared_owners = owners_a & owners_b
+    shared_owners = owners_a & {key.partition(" ")[0] for key in values_b}
     changes = []
     comparable = []
     for key in values_a | values_b:

@@ -340,8 +340,7 @@ def reproduce(source: Source) -> Reproduction:
     words += ["--out", "results"]
     protocol_yaml = ""
     if not is_shipped_protocol:
-        content = {"schema_version": 1} | as_dict(run.protocol)
-        protocol_yaml = dump_yaml(content)
+        protocol_yaml = dump_yaml({"schema_version": 1} | as_dict(run.protocol))
     return Reproduction(shlex.join(words), protocol_yaml, " ".join(notes))
 
 

@@ -94,8 +94,7 @@ def decide(
         # The patterns with the largest sums cross the bound, as many as the error allows
         # so far. Of equal sums, all cross or none.
         allowed = math.floor((_error_to_spend(share) - error_spent) * len(sizes))
-        bound = np.sort(sizes)[::-1][allowed]
-        is_crossing = sizes > bound
+        is_crossing = sizes > np.sort(sizes)[::-1][allowed]
         error_spent += float(is_crossing.mean())
         is_alive &= ~is_crossing
         # The first pattern is the data.

@@ -134,8 +134,7 @@ class TrialValues:
         counts = np.bincount(world)
         surplus = np.bincount(world, self.failures - other.failures) / counts
         # Failures that both planners have in a world make no difference.
-        share_by_world = np.maximum(0.0, surplus)
-        return significance.share_of(share_by_world[world], self.worlds)
+        return significance.share_of(np.maximum(0.0, surplus)[world], self.worlds)
 
 
 def mean_interval(values: Floats, worlds: Integers) -> Interval:
@@ -194,8 +193,7 @@ def _limit_distances(residuals: Floats) -> tuple[float, float]:
 
     below = undo_transformation(quantile) * error
     # Times of failures make the right tail long, so limits are not symmetric.
-    above = -undo_transformation(-quantile) * error
-    return below, above
+    return below, -undo_transformation(-quantile) * error
 
 
 @dataclass(frozen=True)

@@ -235,8 +235,7 @@ def make_bars(entries: Sequence[Entry]) -> Bars:
                 "high": high,
             }
         )
-    worlds = {result.world for result in groups[0]}
-    return Bars(rows, f"{end:.3g}", len(worlds))
+    return Bars(rows, f"{end:.3g}", len({result.world for result in groups[0]}))
 
 
 def common_trials(groups: Sequence[Rows]) -> list[Rows]:

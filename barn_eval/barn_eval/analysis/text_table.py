@@ -46,9 +46,8 @@ class TextTable:
 
 def latex_text(text: str) -> str:
     """Return text on one line, escaped for LaTeX, with a math minus before digits."""
-    escaped = one_line(text).translate(_LATEX)
     # A hyphen in a name or a range stays a hyphen.
-    return re.sub(r"(?<![\w.-])-(?=\d)", "$-$", escaped)
+    return re.sub(r"(?<![\w.-])-(?=\d)", "$-$", one_line(text).translate(_LATEX))
 
 
 def count_noun(number: int, noun: str) -> str:

@@ -172,8 +172,7 @@ def draw_estimates(
         # An estimate may lie outside its limits, if only by rounding, but matplotlib
         # refuses negative errors.
         below = np.maximum(middle - low, 0.0)
-        above = np.maximum(high - middle, 0.0)
-        values[f"{name}err"] = np.array([below, above])
+        values[f"{name}err"] = np.array([below, np.maximum(high - middle, 0.0)])
     bars = axes.errorbar(**values, linestyle="", capsize=3, markersize=size, **look)
     marks: Line2D = bars[0]
     marks.set_label(look["label"])
@@ -233,8 +232,7 @@ def finish_figure(figure: Figure, name: str, about: str) -> ReportFigure:
     figure.patch.set_facecolor(WHITE)
     # This is matplotlib's markup, in which texts are paths.
     element = Markup(text)  # noqa: S704  # nosec B704
-    document = _figure_content(figure, "pdf")
-    return ReportFigure(name, about, svg, element, document)
+    return ReportFigure(name, about, svg, element, _figure_content(figure, "pdf"))
 
 
 def unique_svg(figure: Figure, name: str, description: str) -> str:

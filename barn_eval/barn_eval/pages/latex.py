@@ -60,8 +60,7 @@ def paper_table(
     measures = [MEASURES[key] for key in require_measures(keys or default_keys)]
     measure_keys = [measure.key for measure in measures]
     # On other trials a planner might only have met easier worlds.
-    common = common_trials(list(results.values()))
-    groups = dict(zip(results, common, strict=True))
+    groups = dict(zip(results, common_trials(list(results.values())), strict=True))
     summaries = {name: summarize(rows, measure_keys) for name, rows in groups.items()}
     bold = {m.key: _find_best(groups, summaries, m) for m in measures}
 

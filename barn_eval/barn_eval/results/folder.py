@@ -277,8 +277,7 @@ def order_worlds_fairly(worlds: Iterable[int]) -> list[int]:
     keys = {}
     for rank, world in enumerate(ranked):
         # With reversed bits of ranks, each half of the order covers all ranks evenly.
-        reversed_bits = f"{rank:0{bits}b}"[::-1]
-        keys[world] = int(reversed_bits, 2)
+        keys[world] = int(f"{rank:0{bits}b}"[::-1], 2)
     return sorted(ranked, key=keys.__getitem__)
 
 
@@ -347,8 +346,7 @@ def find_completed(
                 f"{path}: planner {planner['name']!r}: its source is unknown, so the"
                 " run cannot be resumed; use another folder"
             )
-    dropped_count = len(rows) - len(results)
-    return CompletedTrials(previous.sessions, results, dropped_count)
+    return CompletedTrials(previous.sessions, results, len(rows) - len(results))
 
 
 def require_world_of_trial(result: TrialResult, spec: TrialSpec, path: Path) -> None:

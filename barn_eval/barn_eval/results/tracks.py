@@ -309,9 +309,8 @@ def _read_track(content: Mapping[str, Any]) -> Track:
             f" from {-_LARGEST_STEP:g} to {_LARGEST_STEP:g}"
         )
 
-    differences = samples.reshape(len(CHANNELS), -1)
     # The sums wrap around where the differences did.
-    whole = np.cumsum(differences, axis=1, dtype=np.int16).T
+    whole = np.cumsum(samples.reshape(len(CHANNELS), -1), axis=1, dtype=np.int16).T
     values = np.where(
         whole == MISSING_SAMPLE, np.nan, whole * np.array(steps, np.float64)
     )

@@ -49,7 +49,7 @@ from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfi
 from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_eval.trials.system import ObservedTrial
 from barn_eval.trials.system_file import read_system
-from barn_eval.trials.trial import arrival_error_s, doubt_jumps, finish_trial
+from barn_eval.trials.trial import doubt_poses, finish_trial
 from barn_worlds.base.config import from_dict
 from barn_worlds.base.errors import BarnError, ConfigError, ExitCode
 from barn_worlds.base.files import read_json
@@ -311,9 +311,9 @@ class TrialRunner:
             remarks = [wall_clock.remark, self.context.integrity.remarks]
             error_s = trial.uncertainty_s
             if error_s is not None:
-                jumps, jump_error_s = doubt_jumps(trajectory)
+                jumps, arrival_error_s = doubt_poses(spec, verdict, trajectory)
                 remarks += jumps
-                error_s += jump_error_s + arrival_error_s(spec, verdict, trajectory)
+                error_s += arrival_error_s
             finished = finish_trial(
                 spec,
                 "ros",

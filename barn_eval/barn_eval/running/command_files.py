@@ -62,8 +62,7 @@ def hash_folder(folder: Path) -> str:
         is_hidden = any(part.startswith(".") for part in name.parts)
         # Bytecode differs from one Python to the next, the code does not.
         if path.is_file() and "__pycache__" not in name.parts and not is_hidden:
-            line = f"{name}\0{_hash_file(path)}\n"
-            digest.update(line.encode())
+            digest.update(f"{name}\0{_hash_file(path)}\n".encode())
     return digest.hexdigest()
 
 

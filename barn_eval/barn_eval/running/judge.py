@@ -88,8 +88,7 @@ class JudgeOptions(Checked):
     def __post_init__(self) -> None:
         """Raise ConfigError for a value that is not allowed."""
         super().__post_init__()
-        worlds = self.numbers("world")
-        are_whole = all(number.is_integer() for number in worlds)
+        are_whole = all(number.is_integer() for number in self.numbers("world"))
         self.require(are_whole, "world", "must be whole numbers, such as 0,30")
         self.numbers("contact_at")
         is_operator = self.contact == OPERATOR
@@ -354,8 +353,10 @@ def _unknown_world(
         goal = start @ Pose2D(x, y, yaw).inverse() @ Pose2D(goal_x, goal_y, 0.0)
     if goal is None:
         drive = segment.drive
-        names = ", ".join(drive.goal_topics) or "none"
-        reason = f"has no goal on /goal_pose (topics that may have one: {names})"
+        reason = (
+            "has no goal on /goal_pose (topics that may have one:"
+            f" {', '.join(drive.goal_topics) or 'none'})"
+        )
         if drive.goals:
             reason = f"its goal is in frame {segment.goal_frame!r}, but poses are in {drive.frame!r}"
         raise BagError(f"{path}: {reason}; name a goal by --goal, --world or --course")

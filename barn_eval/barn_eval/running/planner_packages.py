@@ -263,8 +263,7 @@ def _read_launched(path: Path, packages: Sequence[Path]) -> Executable:
         raise ConfigError(
             f"{path}: starts no node of its package or of a package beside it"
         )
-    folder = launched[0][0].folder
-    return Executable(path.name, folder, str(path), tuple(launched))
+    return Executable(path.name, launched[0][0].folder, str(path), tuple(launched))
 
 
 def find_module(name: str, folders: Sequence[Path]) -> Path | None:

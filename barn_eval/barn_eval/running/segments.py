@@ -16,8 +16,7 @@ from barn_eval.trials.trajectory import Trajectory
 from barn_eval.trials.trial import (
     FinishedTrial,
     RunningTrial,
-    arrival_error_s,
-    doubt_jumps,
+    doubt_poses,
     finish_trial,
 )
 from barn_worlds.base.arrays import Floats, side_lengths
@@ -41,7 +40,7 @@ _FARTHEST_GOAL_M = 0.1  # from the world's goal, before a remark says so
 _NARROWEST_SCAN_RAD = math.pi
 _DEEPEST_M = 0.05  # within the robot, for what a lidar sees to be no part of it
 _GAP_PERIODS = 3.0  # without a pose, before a remark says so
-_LONGEST_PERIOD_S = 0.5  # of poses, before a remark says so
+_LONGEST_GAP_S = 0.5  # likewise, where poses are rare
 _TWIST_TOLERANCE = 0.1  # of positions against the twist, before a remark says so
 _CLOCK_TOLERANCE = 0.1  # of stamps against the log, before a remark says so
 _SHORTEST_M = 0.5  # of a drive whose positions and twists are compared
@@ -127,8 +126,9 @@ def judge_segment(
         # What comes later does not matter.
         segment = replace(segment, end=used[-1] + 1)
     doubts, uncertainty_s = _list_doubts(segment, spec, trajectory)
-    uncertainty_s += arrival_error_s(spec, verdict, trajectory)
-    remarks += doubts
+    jumps, arrival_error_s = doubt_poses(spec, verdict, trajectory)
+    uncertainty_s += arrival_error_s
+    remarks += doubts + jumps
     if not spec.system.reports_contacts:
         remarks.append("contacts are unknown, as nobody reported them")
     if drive.problem:
@@ -268,17 +268,16 @@ def _list_doubts(
         return [], 0.0
     period_s = float(np.median(periods_s))
     gap_s = float(periods_s.max())
-    doubts, uncertainty_s = doubt_jumps(trajectory)
-    if gap_s > _GAP_PERIODS * period_s:
+    doubts = []
+    if gap_s > min(_GAP_PERIODS * period_s, _LONGEST_GAP_S):
         doubts.append(f"no pose for {gap_s:.2f} s")
-    if period_s > _LONGEST_PERIOD_S:
-        doubts.append(f"poses come every {period_s:.2f} s")
     # The clock starts at a reading and stops at one, each up to a period late.
-    uncertainty_s += max(2.0 * period_s, gap_s)
-    poses = segment.drive.poses[segment.first : segment.end]
-    stamps_ns = np.array([pose.content.stamp_ns for pose in poses])
-    log_ns = segment.drive.log_times_ns[segment.first : segment.end]
-    right = np.flatnonzero(segment.drive.clocks[segment.first : segment.end] >= 0)
+    uncertainty_s = max(2.0 * period_s, gap_s)
+    drive = segment.drive
+    part = slice(segment.first, segment.end)
+    stamps_ns = np.array([pose.content.stamp_ns for pose in drive.poses[part]])
+    log_ns = drive.log_times_ns[part]
+    right = np.flatnonzero(drive.clocks[part] >= 0)
     jumps = np.diff(right) > 1
     if jumps.any():
         wrong = int(np.ptp(right)) + 1 - len(right)
@@ -357,7 +356,7 @@ def _scan_clearances(
     mounts = {}
     remarks = []
     for frame in sorted({logged.frame for logged in drive.scans}):
-        mount = find_mount(drive.links, frame)
+        mount = find_mount(drive.mounts, frame)
         mounts[frame] = mount or built_in
         if mount is None:
             remarks.append(

@@ -317,8 +317,7 @@ class Protocol(Checked):
         }
         start = self.start.resolve(anchors)
         anchors["start"] = (start.x, start.y)
-        goal = self.goal.resolve(anchors)
-        return self._measure_course(world, start, path, goal)
+        return self._measure_course(world, start, path, self.goal.resolve(anchors))
 
     def _measure_course(
         self, world: World, start: Pose2D, path: Points, goal: Pose2D

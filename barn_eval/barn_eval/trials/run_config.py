@@ -71,8 +71,7 @@ COMPUTE_KEYS = tuple(field.name for field in fields(Compute))
 
 def _compute_quantity(name: str) -> Any:
     """Return a dataclass field, 0 by default, declared like the same one of `Compute`."""
-    declarations = {key: item for key, item, _ in fields_of(NO_COMPUTE)}
-    delay = declarations[name]
+    delay = {key: item for key, item, _ in fields_of(NO_COMPUTE)}[name]
     return optional(0.0, delay.description, "s", delay.minimum, delay.maximum)
 
 

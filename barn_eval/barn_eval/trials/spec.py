@@ -329,8 +329,7 @@ def _extend_to(grid: OccupancyMap, pose: Pose2D) -> OccupancyMap:
     right = max(0, column + 1 + margin - columns)
     data = np.pad(grid.data, ((below, above), (left, right)))
     origin_x = grid.origin_x - left * size
-    origin_y = grid.origin_y - below * size
-    return OccupancyMap(data, size, origin_x, origin_y)
+    return OccupancyMap(data, size, origin_x, grid.origin_y - below * size)
 
 
 def simulator_config(

@@ -206,8 +206,7 @@ def drive_by_planner(spec: TrialSpec, row: TrialResult) -> str:
         spec: The trial.
         row: Its row, of either mode.
     """
-    finished = run_direct_trial(_with_planner_of_row(spec, row))
-    content = finished.result.repeatable()
+    content = run_direct_trial(_with_planner_of_row(spec, row)).result.repeatable()
     ignored: tuple[str, ...] = ("schema_version",)
     if row.mode == "ros":
         # Over ROS, these come from messages.

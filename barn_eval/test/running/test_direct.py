@@ -81,6 +81,11 @@ def test_an_open_world_is_crossed(open_world, protocol):
     assert from_json_line(to_json_line(result), "line") == result
 
 
+def assert_equal(first, second):
+    assert first.result.repeatable() == second.result.repeatable()
+    np.testing.assert_array_equal(first.trajectory.truth, second.trajectory.truth)
+
+
 def test_the_same_trial_gives_the_same_bytes(either_world, tmp_path):
     trials = [
         (spec_of(either_world), tmp_path / name / "bag") for name in ("one", "other")
@@ -90,23 +95,18 @@ def test_the_same_trial_gives_the_same_bytes(either_world, tmp_path):
         assert (tmp_path / "one/bag" / name).read_bytes() == (
             tmp_path / "other/bag" / name
         ).read_bytes()
-    assert first.result.repeatable() == other.result.repeatable()
-    np.testing.assert_array_equal(first.trajectory.truth, other.trajectory.truth)
+    assert_equal(first, other)
 
 
 def test_recording_does_not_change_the_trial(either_world, tmp_path):
     with_bag = recorded(spec_of(either_world), tmp_path / "bag", Straight())
-    without = run_direct_trial(spec_of(either_world), planner=Straight())
-    np.testing.assert_array_equal(with_bag.trajectory.truth, without.trajectory.truth)
-    assert with_bag.result.repeatable() == without.result.repeatable()
+    assert_equal(with_bag, run_direct_trial(spec_of(either_world), planner=Straight()))
 
 
 def test_a_planner_can_be_used_again(either_world):
     planner = Straight()
-    first, second = (
-        run_direct_trial(spec_of(either_world), planner=planner) for _ in range(2)
-    )
-    np.testing.assert_array_equal(first.trajectory.truth, second.trajectory.truth)
+    first = run_direct_trial(spec_of(either_world), planner=planner)
+    assert_equal(first, run_direct_trial(spec_of(either_world), planner=planner))
 
 
 def test_a_trial_does_not_depend_on_its_engines_past(walled_world):
@@ -115,8 +115,7 @@ def test_a_trial_does_not_depend_on_its_engines_past(walled_world):
         with suppress(pybullet.error):
             pybullet.disconnect(number)
     again = run_direct_trial(spec_of(walled_world, CHALLENGE), planner=Straight())
-    assert again.result.repeatable() == first.result.repeatable()
-    np.testing.assert_array_equal(first.trajectory.truth, again.trajectory.truth)
+    assert_equal(again, first)
 
 
 def test_another_repetition_is_another_trial(either_world):

@@ -223,8 +223,7 @@ def route_strip(clearance: ClearanceMap, route: Route) -> Floats:
         where there is a sample.
     """
     points = route.points[:SAMPLES]
-    direction = np.gradient(points, axis=0)
-    heading = np.unwrap(np.arctan2(*direction.T))
+    heading = np.unwrap(np.arctan2(*np.gradient(points, axis=0).T))
     right = np.stack([np.cos(heading), -np.sin(heading)])
     offsets = right[:, :, None] * (_ACROSS_M / clearance.cell_m)
     across = map_coordinates(

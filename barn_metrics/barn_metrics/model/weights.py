@@ -171,9 +171,8 @@ class _NetworkReader:
         # The layers see the largest and the mean response of each filter.
         units = size + 2 * channels
         for place in range(layer_count):
-            is_last = place == layer_count - 1
             # A time and a share of failures per planner.
-            outputs = 2 * planner_count if is_last else None
+            outputs = 2 * planner_count if place == layer_count - 1 else None
             layer = self._layer(f"weights{place}", f"bias{place}", units, outputs)
             units = len(layer[1])
             layers.append(layer)

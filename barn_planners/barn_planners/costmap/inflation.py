@@ -143,8 +143,7 @@ def _shift_cells(layer: Bytes, d_row: int, d_col: int) -> None:
     # All cells move by one step on a flat grid. Loops over rows would take longer.
     step = d_row * cols + d_col
     cells = layer.reshape(layer.size)
-    before = cells.copy()
-    source = before[max(0, step) :]
+    source = cells.copy()[max(0, step) :]
     target = cells[max(0, -step) :]
     for k in range(layer.size - abs(step)):
         target[k] = source[k]

@@ -2,12 +2,12 @@
 
 from dataclasses import dataclass, field
 
-from barn_planners.navigation.loop import NavigationConfig
-from barn_worlds.base.config import Checked, optional, quantity
+from barn_planners.navigation.loop import NavigationConfig, SpeedLimits
+from barn_worlds.base.config import optional, quantity
 
 
 @dataclass(frozen=True)
-class DwaConfig(Checked):
+class DwaConfig(SpeedLimits):
     """The dynamic window approach; the defaults are the Jackal's."""
 
     max_speed_mps: float = quantity(0.5, "fastest forward speed", "m/s", 0.01, 10.0)
@@ -118,12 +118,6 @@ class DwaConfig(Checked):
     stopped_radps: float = quantity(
         0.05, "a lower yaw rate counts as stopped", "rad/s", minimum=0.0001
     )
-
-    def __post_init__(self) -> None:
-        """Raise ConfigError if `min_speed_mps` exceeds `max_speed_mps`."""
-        super().__post_init__()
-        slower = f"must be at most max_speed_mps = {self.max_speed_mps:g}"
-        self.require(self.min_speed_mps <= self.max_speed_mps, "min_speed_mps", slower)
 
 
 @dataclass(frozen=True)

@@ -538,8 +538,7 @@ def step_count(speed: float, turn: float, motion: Motion) -> int:
     """
     # The footprint is checked only at poses, so fast rollouts get more of them.
     steps = abs(speed) * motion.time_s / motion.step_m
-    turn_steps = abs(turn) / motion.turn_step_rad
-    return max(1, int(max(steps, turn_steps) + 0.5))
+    return max(1, int(max(steps, abs(turn) / motion.turn_step_rad) + 0.5))
 
 
 @kernel

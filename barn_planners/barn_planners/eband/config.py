@@ -4,12 +4,12 @@ import math
 from dataclasses import dataclass, field
 
 from barn_planners.eband.kernels import BandGains
-from barn_planners.navigation.loop import NavigationConfig
-from barn_worlds.base.config import Checked, optional, quantity
+from barn_planners.navigation.loop import NavigationConfig, SpeedLimits
+from barn_worlds.base.config import optional, quantity
 
 
 @dataclass(frozen=True)
-class EBandConfig(Checked):
+class EBandConfig(SpeedLimits):
     """The band and its control law; the defaults are those of the paper's trials."""
 
     max_speed_mps: float = quantity(0.5, "highest forward speed", "m/s", 0.0, 5.0)
@@ -98,12 +98,6 @@ class EBandConfig(Checked):
         False, "compute a force's strength from x twice, never y (a quirk)"
     )
     capacity: int = quantity(4096, "largest number of bubbles", "", 16, 100_000)
-
-    def __post_init__(self) -> None:
-        """Raise ConfigError if `min_speed_mps` exceeds `max_speed_mps`."""
-        super().__post_init__()
-        slower = f"must be at most max_speed_mps = {self.max_speed_mps:g}"
-        self.require(self.min_speed_mps <= self.max_speed_mps, "min_speed_mps", slower)
 
     def gains(self, circumscribed_m: float) -> BandGains:
         """Return the constants of forces for kernels; headings count if configured.

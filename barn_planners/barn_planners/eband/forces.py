@@ -167,9 +167,8 @@ def _is_connected(band: Floats, i: int, context: Context) -> bool:
     if overlap(band, i, band, i + 1, context.gains.min_overlap):
         return True
 
-    nodes = context.work.nodes
     # Only whether a bridge is possible counts; `refine` builds it later.
-    nodes[:2] = band[i : i + 2]
+    context.work.nodes[:2] = band[i : i + 2]
     return bridge(context, 0, 1, 2) >= 0
 
 

@@ -420,8 +420,7 @@ def append_back(band: Floats, n: int, poses: Floats, context: Context) -> int:
         # All nodes between the two; the poses come in place of the second one.
         end = n + count - 2
         if end <= len(band):
-            first = context.work.links[0, 1]
-            _write_nodes(band, n, context.work, first, count - 2)
+            _write_nodes(band, n, context.work, context.work.links[0, 1], count - 2)
 
     if end + len(poses) > len(band):
         return FULL

@@ -32,8 +32,21 @@ from barn_planners.navigation.observation_check import (
     ObservationCheckConfig,
 )
 from barn_planners.navigation.recovery import Recovery, RecoveryConfig
-from barn_worlds.base.config import optional, quantity
+from barn_worlds.base.config import Checked, optional, quantity
 from barn_worlds.base.types import STOP, Pose2D, Velocity2D, nanoseconds
+
+
+class SpeedLimits(Checked):
+    """Base of settings with a highest and a lowest forward speed."""
+
+    max_speed_mps: float
+    min_speed_mps: float
+
+    def __post_init__(self) -> None:
+        """Raise ConfigError if `min_speed_mps` exceeds `max_speed_mps`."""
+        super().__post_init__()
+        slower = f"must be at most max_speed_mps = {self.max_speed_mps:g}"
+        self.require(self.min_speed_mps <= self.max_speed_mps, "min_speed_mps", slower)
 
 
 @dataclass(frozen=True)

@@ -355,8 +355,7 @@ class OnnxNetwork:
     def act(self, observation: Vector) -> FloatArray:
         """Return the action (2,), not yet clipped, and update the recurrent state."""
         values = [observation[None], *self._state]
-        names = [item.name for item in self._inputs]
-        feed = dict(zip(names, values, strict=True))
+        feed = dict(zip([item.name for item in self._inputs], values, strict=True))
         action, *self._state = self._session.run(None, feed)
         result: FloatArray = action[0].astype(np.float64)
         return result

@@ -95,8 +95,7 @@ def _colors(costs: FloatArray) -> FloatArray:
         shares[is_known] = (costs[is_known] - low) / (spread or 1.0)
 
     cheapest = np.array(CHEAPEST_COLOR)
-    costliest = np.array(COSTLIEST_COLOR)
-    colors = cheapest + shares[:, None] * (costliest - cheapest)
+    colors = cheapest + shares[:, None] * (np.array(COSTLIEST_COLOR) - cheapest)
     return np.where(np.isinf(costs)[:, None], np.array(REJECTED_COLOR), colors)
 
 

@@ -238,9 +238,8 @@ def begin_tires(robot: Record, fixed: Record) -> tuple[Motion, Rims]:
     """
     turn = rotation(quaternion(robot.attitude))
     inverse = world_inertia(turn, vector(fixed.inverse_inertia))
-    torque = load_wheels(robot, fixed, turn)
     # Loads act at once; gravity and gyroscopic torque follow when the body moves.
-    wx, wy, wz = transform(inverse, torque)
+    wx, wy, wz = transform(inverse, load_wheels(robot, fixed, turn))
     motion = (
         robot.velocity[0],
         robot.velocity[1],

@@ -53,8 +53,7 @@ def pillars(centers_m: Points, radius_m: float, height_m: float) -> Mesh:
         radius_m: Radius of each.
         height_m: Height of each, from the ground.
     """
-    angles = np.linspace(0.0, 2.0 * np.pi, _SIDES, endpoint=False)
-    circle = unit_vectors(angles)
+    circle = unit_vectors(np.linspace(0.0, 2.0 * np.pi, _SIDES, endpoint=False))
     zeros = np.zeros((_SIDES, 1))
     heights = np.full((_SIDES, 1), height_m)
 

@@ -92,8 +92,7 @@ def advance_all(
     for index in indices:
         arrival_ns = fleet.robots[index].stamp_ns + latency_ns
         linear = commands[index, 0]
-        angular = commands[index, 1]
-        add_command(fleet, index, arrival_ns, linear, angular)
+        add_command(fleet, index, arrival_ns, linear, commands[index, 1])
         left[index] = ticks
     numbers = np.zeros((_ROWS, LANES))
     lanes = numbers.reshape(numbers.size).view(_LANES)

@@ -243,8 +243,7 @@ class RobotMotion:
         is_mover_near = False
         if self.movers is not None:
             is_mover_near = self.movers.prepare(scene, *place, self.stamp_ns)
-        state = scene.tick(position, force, torque)
-        pose = follow_body(fleet, index, state)
+        pose = follow_body(fleet, index, scene.tick(position, force, torque))
         # Kept until somebody reads it, so that a touch between two readings is not
         # missed.
         self._was_touched = self._was_touched or scene.is_robot_touched()

@@ -75,8 +75,7 @@ def push_body(fleet: Fleet, index: int) -> tuple[Vector, Vector, Vector, Vector]
     turn_wheels(robot, fleet.pending[index], fixed)
     solve_tires(robot, fixed)
     force, torque = tire_forces(robot, fixed)
-    place = (robot.x, robot.y, robot.yaw)
-    return place, vector(robot.position), force, torque
+    return (robot.x, robot.y, robot.yaw), vector(robot.position), force, torque
 
 
 @kernel

@@ -201,5 +201,4 @@ class Rhythm:
     def _whole_steps(self, period_ns: float) -> int:
         """Return the shortest whole number of steps that lasts a period, in ns."""
         # Less than a millionth of a step is rounding.
-        steps = math.ceil(period_ns / self._step_ns - 1e-6)
-        return max(1, steps) * self._step_ns
+        return max(1, math.ceil(period_ns / self._step_ns - 1e-6)) * self._step_ns

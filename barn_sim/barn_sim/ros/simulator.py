@@ -232,8 +232,7 @@ class SimulatorNode(Node):
             trial.simulator.command(trial.answer)
             trial.answer = None
         odometry_ticks = config.ticks(1.0 / config.odometry.rate_hz)
-        scan_ticks = config.ticks(1.0 / config.lidar.rate_hz)
-        ticks = math.gcd(odometry_ticks, scan_ticks)
+        ticks = math.gcd(odometry_ticks, config.ticks(1.0 / config.lidar.rate_hz))
         trial.simulator.advance(ticks)
         trial.simulator.require_upright()
         self._outputs.publish(trial.due_readings())

@@ -232,8 +232,7 @@ class ParticleLocalization:
         yaws = cluster[:, 2]
         yaw = math.atan2(np.sin(yaws).mean(), np.cos(yaws).mean())
         x = float(cluster[:, 0].mean())
-        y = float(cluster[:, 1].mean())
-        return Pose2D(x, y, yaw)
+        return Pose2D(x, float(cluster[:, 1].mean()), yaw)
 
 
 def has_moved(config: LocalizationConfig, last: Pose2D, odometry: Pose2D) -> bool:

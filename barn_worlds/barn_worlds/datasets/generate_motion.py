@@ -134,8 +134,7 @@ def build_arena(
     )
     # DynaBARN's robot drives against x, from the highest row to the lowest.
     rows = np.arange(start_row, goal_row - 1, -1)
-    columns = np.full(len(rows), _SHAPE[1] // 2)
-    path = np.stack([rows, columns], axis=1)
+    path = np.stack([rows, np.full(len(rows), _SHAPE[1] // 2)], axis=1)
     return World(
         name,
         np.zeros(_SHAPE, np.bool_),
@@ -236,8 +235,7 @@ def add_crossings(
     for number in range(_obstacle_count(parameters, seed, obstacles)):
         generator = _generator(seed, _CROSSING_KEY, number)
         # The order of draws is part of a world: place, side, speed, phase.
-        place = int(generator.random() * len(path))
-        x, y = path[place].tolist()
+        x, y = path[int(generator.random() * len(path))].tolist()
         ends = ((x, below), (x, above)) if is_along_x else ((left, y), (right, y))
         first, last = ends[::-1] if generator.random() < 0.5 else ends
         mean_mps = _uniform(

@@ -4,7 +4,6 @@ import io
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import chain
 
 import jinja2
 import numpy as np
@@ -83,13 +82,10 @@ class CoursePlan:
             ConfigError: If the scale needs too many tiles.
         """
         content = io.BytesIO()
-        tiles = self._tiles()
-        # The first tile is drawn at once, because it raises if there are too many.
-        first_tile = next(tiles)
-        figures = [self._overview(), *self._tables(), first_tile]
         with PdfPages(content, metadata={"CreationDate": None}) as pages:
-            for figure in chain(figures, tiles):
-                pages.savefig(figure)
+            for figures in ([self._overview()], self._tables(), self._tiles()):
+                for figure in figures:
+                    pages.savefig(figure)
         return content.getvalue()
 
     def _page(self, title: str) -> Figure:

@@ -132,8 +132,7 @@ def _search(points: Floats, outward: Floats, centers: Floats, radius: float) -> 
         # Nearly all pairs are looked at anyway, so a heap would not help.
         current = 0
         for i in range(len(points)):
-            total = cost[i] + remaining[i]
-            is_better = total < cost[current] + remaining[current]
+            is_better = cost[i] + remaining[i] < cost[current] + remaining[current]
             if not done[i] and (done[current] or is_better):
                 current = i
         if done[current] or not math.isfinite(cost[current]) or current == goal:

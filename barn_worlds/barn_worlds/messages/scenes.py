@@ -162,8 +162,7 @@ def decode_moving(data: bytes) -> tuple[Bodies, Bodies]:
     """
     markers = _read_namespaces(data, _MOVING_COLORS)
     obstacles = _read_bodies(_OBSTACLES, markers[_OBSTACLES], MOST_MOVING)
-    walls = _read_bodies(_WALLS, markers[_WALLS], MOST_WALLS)
-    return obstacles, walls
+    return obstacles, _read_bodies(_WALLS, markers[_WALLS], MOST_WALLS)
 
 
 def encode_moving_poses(world: World, time_s: float, stamp_ns: int) -> bytes:

@@ -192,8 +192,7 @@ def _read_inertia(links: dict[str, Link]) -> dict[str, Any]:
     mass = sum(masses)
     if not 0.0 < mass < math.inf:
         raise ValueError("no link has a mass, or a mass is not a finite number")
-    weighted = np.array(masses)[:, None] * np.array(centers)
-    center = weighted.sum(axis=0) / mass
+    center = (np.array(masses)[:, None] * np.array(centers)).sum(axis=0) / mass
 
     # Parallel axis theorem: moments about the common center of mass.
     total = np.zeros((3, 3))

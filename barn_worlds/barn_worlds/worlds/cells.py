@@ -38,8 +38,7 @@ _SMALLEST_MAP_CELL_M = 0.005
 def lead_in_cells(resolution_m: float) -> int:
     """Return the number of columns before column 0, at least 18, with the back wall."""
     # The tolerance keeps 5.1 / 0.15, which is slightly above 34, at 34 cells.
-    cells = math.ceil(LEAD_IN_M / resolution_m - 1e-9)
-    return max(cells, _FEWEST_LEAD_IN_CELLS)
+    return max(math.ceil(LEAD_IN_M / resolution_m - 1e-9), _FEWEST_LEAD_IN_CELLS)
 
 
 def margin_cells(resolution_m: float) -> int:

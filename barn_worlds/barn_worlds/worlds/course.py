@@ -251,8 +251,7 @@ def _require_free(world: World, robot: Robot, start: Pose2D, goal: Pose2D) -> No
             # A robot may arrive at the goal at any heading.
             distances_m = np.hypot(x, y) - robot.chassis.inscribed_m
         touches = distances_m.min(initial=np.inf) <= world.cylinder_radius_m
-        position = np.array([[pose.x, pose.y]])
-        ((row, column),) = world.containing_cells(position)
+        ((row, column),) = world.containing_cells(np.array([[pose.x, pose.y]]))
         if touches or (column >= 0 and world.occupied[row, column]):
             raise WorldError(
                 f"{where} is blocked: robot {robot.name} would touch an obstacle there"

@@ -101,8 +101,7 @@ def label_regions(free: BoolGrid, neighbors: int = 4) -> tuple[Integers, Integer
     """
     from scipy import ndimage  # noqa: PLC0415 (as above)
 
-    structure = np.ones((3, 3)) if neighbors == 8 else None
-    labels, count = ndimage.label(free, structure)
+    labels, count = ndimage.label(free, np.ones((3, 3)) if neighbors == 8 else None)
     return labels, np.bincount(labels[free], minlength=count + 1)
 
 

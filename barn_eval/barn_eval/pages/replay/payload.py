@@ -299,8 +299,7 @@ def _add_costmaps(recorded: RecordedTrial, arrays: Arrays) -> list[list[float]]:
 
 def shape_array(bodies: Bodies) -> Packable:
     """Return x, y, yaw, radius and both sizes of each body as a row, for motion.js."""
-    columns = [bodies.poses, bodies.radius_m, bodies.size_m]
-    return np.column_stack(columns)
+    return np.column_stack([bodies.poses, bodies.radius_m, bodies.size_m])
 
 
 def to_millimeters(values_m: Floats) -> tuple[Packable, float]:

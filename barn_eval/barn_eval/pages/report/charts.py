@@ -519,8 +519,7 @@ def _trade(data: ChartData, make_panels: MakePanels) -> Handles:
             time = [summary[TIME.key]]
             tips = [_tip(look["label"], TIME, time[0])]
             handles.append(draw_estimates(axes, safety, time, 8, tips, **look))
-        y_label = TIME.heading if axes is panels[0] else ""
-        label_axes(axes, measure.heading, y_label)
+        label_axes(axes, measure.heading, TIME.heading if axes is panels[0] else "")
         x = 0.01
         side = "left"
         text = "↙ faster and safer"

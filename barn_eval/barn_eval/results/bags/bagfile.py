@@ -316,10 +316,7 @@ class BagFile:
             files = sorted(path.glob(f"*{ending}"), key=_part_key)
             if files:
                 return files
-        hint = ""
-        if any(path.glob("*/metadata.yaml")):
-            hint = f"; the folders in it do: {path}/*"
-        raise BagError(f"{path}: holds no bag (no {', '.join(_ENDINGS)} file){hint}")
+        raise BagError(f"{path}: holds no bag (no {', '.join(_ENDINGS)} file)")
 
     def _read(self) -> Iterator[RawMessage]:
         """Yield messages of all files up to a problem; BagError if nothing was read."""

@@ -1,7 +1,7 @@
 """Decode a bag's messages by type, and read the trial that its metadata describe."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from operator import attrgetter
 from typing import Any
 
@@ -82,24 +82,25 @@ def read_links(data: bytes) -> Links:
     return links
 
 
-def find_mount(links: Links, frame: str) -> Pose2D | None:
+def find_mount(items: Iterable[Any], frame: str) -> Pose2D | None:
     """Return a frame's pose in base_link, None if no chain of links leads there.
 
     Args:
-        links: Static transforms.
+        items: Messages on /tf_static; the `content` of each is its links.
         frame: Frame of a sensor.
     """
+    links: Links = {}
+    for item in items:
+        links |= item.content
     pose = ORIGIN
     frame = frame.lstrip("/")
-    # Frames in a circle lead nowhere.
-    for _ in range(len(links) + 1):
-        if frame.rpartition("/")[2] in _BASES:
-            return pose
+    while frame.rpartition("/")[2] not in _BASES:
         if frame not in links:
             return None
-        frame, mount = links[frame]
+        # Each link counts once: frames in a circle lead nowhere.
+        frame, mount = links.pop(frame)
         pose = mount @ pose
-    return None
+    return pose
 
 
 def _outcome(data: bytes) -> str:

@@ -13,10 +13,8 @@ import numpy as np
 from barn_eval.results.bags.bagfile import BagFile, RawMessage
 from barn_eval.results.bags.decode import (
     TOPICS,
-    Links,
     frame_and_content,
     metadata,
-    read_links,
 )
 from barn_eval.results.bags.sources import PoseReader, Sources, TopicChoice
 from barn_eval.trials.stamps import number_clocks
@@ -24,7 +22,7 @@ from barn_eval.trials.system import NO_CONTACT
 from barn_worlds.base.arrays import Integers
 from barn_worlds.base.errors import BagError, MessageError, format_error, note
 from barn_worlds.base.types import Odometry
-from barn_worlds.messages import decode, topics
+from barn_worlds.messages import topics
 
 
 class Logged(NamedTuple):
@@ -50,7 +48,7 @@ class ObservedDrive:
     commands: list[Logged] = field(default_factory=list)  # Velocity2D
     scans: list[Logged] = field(default_factory=list)  # Scan
     contact_source: str = NO_CONTACT
-    links: Links = field(default_factory=dict)  # static transforms
+    mounts: list[Logged] = field(default_factory=list)  # links of static transforms
     trial: dict[str, Any] = field(default_factory=dict)  # in bags of the suite
     problem: str = ""  # why the bag could not be read to its end
 
@@ -146,27 +144,25 @@ def _is_finite(odometry: Odometry) -> bool:
 def _take_message(
     drive: ObservedDrive, choice: TopicChoice, message: RawMessage
 ) -> None:
-    """Add a goal, contact, command, scan or mount from a message to a drive."""
+    """Add a message's content to a drive; note it if that is not plausible."""
     topic = choice.paths.get(message.topic, "")
-    if message.type_name not in TOPICS.get(topic, ()):
+    items = {
+        topics.GOAL_POSE.path: drive.goals,
+        topics.COLLISION.path: drive.contacts,
+        topics.CMD_VEL.path: drive.commands,
+        topics.SCAN.path: drive.scans,
+        topics.TF_STATIC.path: drive.mounts,
+    }
+    is_contact = topic == topics.COLLISION.path
+    if is_contact and choice.sources.contact == NO_CONTACT:
         return
-    log_ns = message.stamp_ns
-    data = message.data
-    if topic == topics.GOAL_POSE.path:
-        try:
-            frame, goal = frame_and_content(topic, message.type_name, data)
-        except MessageError as error:
-            note(f"{drive.path}: {message.topic}: a goal is ignored: {error}")
-            return
-        drive.goals.append(Logged(log_ns, goal, frame.lstrip("/")))
-    elif topic == topics.COLLISION.path and choice.sources.contact != NO_CONTACT:
-        drive.contacts.append(Logged(log_ns, decode.boolean(data)))
+    if topic not in items or message.type_name not in TOPICS[topic]:
+        return
+    try:
+        frame, content = frame_and_content(topic, message.type_name, message.data)
+    except MessageError as error:
+        note(f"{drive.path}: {message.topic}: messages are ignored: {error}")
+        return
+    items[topic].append(Logged(message.stamp_ns, content, frame.lstrip("/")))
+    if is_contact:
         drive.contact_source = message.topic.removeprefix(choice.sources.namespace)
-    elif topic == topics.CMD_VEL.path:
-        command = decode.command(data, message.type_name)
-        drive.commands.append(Logged(log_ns, command))
-    elif topic == topics.SCAN.path:
-        frame = decode.header(data).frame
-        drive.scans.append(Logged(log_ns, decode.scan(data), frame))
-    elif topic == topics.TF_STATIC.path:
-        drive.links |= read_links(data)

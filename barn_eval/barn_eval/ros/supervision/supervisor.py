@@ -331,8 +331,7 @@ class _Supervisor:
             if f"the {name} " in reason:
                 log = self.logs / f"{name}.log"
                 # The notice of its end has quoted more, once.
-                count = 1 if name in self._quoted_logs else 10
-                printed = last_lines(log, count)
+                printed = last_lines(log, 1 if name in self._quoted_logs else 10)
                 command = self._planner.command
                 if name == PLANNER and command:
                     hint = explain_end(command, last_lines(log))
