@@ -352,12 +352,13 @@ def _scan_clearances(
         indices: Indices of its poses.
     """
     lidar = spec.simulator.lidar
-    built_in = Pose2D(lidar.mount_x_m, lidar.mount_y_m, lidar.mount_yaw_rad)
     mounts = {}
     remarks = []
     for frame in sorted({logged.frame for logged in drive.scans}):
         mount = find_mount(drive.mounts, frame)
-        mounts[frame] = mount or built_in
+        mounts[frame] = mount or Pose2D(
+            lidar.mount_x_m, lidar.mount_y_m, lidar.mount_yaw_rad
+        )
         if mount is None:
             remarks.append(
                 f"/tf_static lacks {frame or 'the lidar'}, so a"

@@ -396,8 +396,8 @@ def doubt_poses(
     steps_m = side_lengths(truth)
     is_jump = steps_m > _JUMP_M + _FASTEST_M_PER_NS * np.diff(stamps_ns)
     if is_jump.any():
-        remark = f"poses jump by {steps_m[is_jump].max():.2f} m"
-        return [remark], seconds(int(np.ptp(stamps_ns)))
+        jumps = [f"poses jump by {steps_m[is_jump].max():.2f} m"]
+        return jumps, seconds(int(np.ptp(stamps_ns)))
     if spec.system.frame != "odom" or verdict.success_time_s is None:
         return [], 0.0
     goal = spec.course.goal

@@ -246,11 +246,11 @@ def test_goals_that_cannot_be_judged_leave_the_others(nearer, tmp_path, caplog):
     def lose(content):
         content.pose.position.x = math.nan
 
-    changes = {back: end_ns - 10**9, elsewhere: end_ns - 10**8, lose: 0}
+    # In the order of the file, the later goal is the first.
+    changes = {elsewhere: end_ns - 10**8, back: end_ns - 10**9, lose: 0}
     for change, stamp_ns in changes.items():
         messages.append(replace(edited(goal, change), stamp_ns=stamp_ns))
     messages.append(replace(goal, stamp_ns=end_ns + 1))
-    messages.sort(key=lambda message: message.stamp_ns)
     options = JudgeOptions(protocol=near(nearer))
     for name, count, notes in (
         (

@@ -77,8 +77,8 @@ def read_links(data: bytes) -> Links:
     for transform in decode.transforms(data):
         if all(map(math.isfinite, _numbers(transform.pose))):
             # In ROS 1, names of frames began with a slash.
-            parent = transform.parent.lstrip("/")
-            links[transform.child.lstrip("/")] = (parent, transform.pose)
+            link = (transform.parent.lstrip("/"), transform.pose)
+            links[transform.child.lstrip("/")] = link
     return links
 
 

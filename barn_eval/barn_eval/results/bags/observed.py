@@ -92,7 +92,8 @@ def read_observed_drive(path: Path, sources: Sources) -> ObservedDrive:
         reason = bag.problem or _explain_missing(reader, sources.frames)
         raise BagError(f"{path}: no poses of a robot on {reader.name} ({reason})")
     # A file may be out of order.
-    drive.poses.sort(key=attrgetter("log_ns"))
+    for items in (drive.poses, drive.goals):
+        items.sort(key=attrgetter("log_ns"))
     if drive.poses[0].log_ns == drive.poses[-1].log_ns:
         raise BagError(
             f"{path}: all its poses were logged at {drive.poses[0].log_ns} ns, so goals,"

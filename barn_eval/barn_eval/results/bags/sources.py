@@ -161,9 +161,7 @@ class TopicChoice:
         ]
         if self._of_type(topics.TF.type_name):
             candidates.append(f"{_TF}odom.base_link")
-        advice = ""
-        if candidates:
-            advice = f"; name them, such as --pose {candidates[0]}"
+        advice = f"; name them, such as --pose {candidates[0]}" if candidates else ""
         raise BagError(
             f"{self._bag.path}: no poses of a robot on {sources.pose or topics.ODOM.path}"
             f" or on one topic of {', '.join(_POSE_TYPES)}{advice}{self.list_topics()}"
