@@ -143,7 +143,7 @@ class Driver(Node):
 
 
 class Operator(Node):
-    """Starts the trial of a robot, and tells of a contact half way."""
+    """Starts the trial of a robot, and tells of a contact on the way."""
 
     def __init__(self, robot):
         super().__init__("operator")
@@ -153,7 +153,7 @@ class Operator(Node):
         self.create_timer(0.2, self.look)
 
     def look(self):
-        client = self.contact if self.robot.driven_m > 3.0 else self.start
+        client = self.contact if self.robot.driven_m > 1.0 else self.start
         if client.service_is_ready() and self.robot.driven_m < 6.0:
             client.call_async(Trigger.Request())
 

@@ -20,6 +20,8 @@ import rclpy
 import yaml
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
+from rclpy.executors import ExternalShutdownException
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
@@ -211,4 +213,11 @@ class Bridge(Node):
 
 if __name__ == "__main__":
     rclpy.init()
-    rclpy.spin(Bridge())
+    try:
+        rclpy.spin(Bridge())
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except rclpy_implementation.RCLError:
+        # Ctrl-C may come in the middle of a step, which then cannot publish.
+        if rclpy.ok():
+            raise

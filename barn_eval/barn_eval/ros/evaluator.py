@@ -49,7 +49,7 @@ from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfi
 from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_eval.trials.system import ObservedTrial
 from barn_eval.trials.system_file import read_system
-from barn_eval.trials.trial import arrival_error_s, finish_trial
+from barn_eval.trials.trial import doubt_poses, finish_trial
 from barn_worlds.base.config import from_dict
 from barn_worlds.base.errors import BarnError, ConfigError, ExitCode
 from barn_worlds.base.files import read_json
@@ -308,10 +308,12 @@ class TrialRunner:
                 unknown_m = np.full(len(trajectory.stamps_ns), np.nan)
                 trajectory = replace(trajectory, clearance_m=unknown_m)
                 clearance_by = ""
+            remarks = [wall_clock.remark, self.context.integrity.remarks]
             error_s = trial.uncertainty_s
             if error_s is not None:
-                error_s += arrival_error_s(spec, verdict, trajectory)
-            remarks = [wall_clock.remark, self.context.integrity.remarks]
+                jumps, arrival_error_s = doubt_poses(spec, verdict, trajectory)
+                remarks += jumps
+                error_s += arrival_error_s
             finished = finish_trial(
                 spec,
                 "ros",

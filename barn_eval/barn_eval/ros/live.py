@@ -74,8 +74,7 @@ def run_observed(
         os.environ.setdefault("RCUTILS_CONSOLE_OUTPUT_FORMAT", "{message}")
         evaluator.main([], defaults, raises=True)
     # Of a trial that was repeated, the last row counts.
-    rows = {row.trial_id: row for row in RowFile(request.out).read()}
-    return list(rows.values())
+    return list({row.trial_id: row for row in RowFile(request.out).read()}.values())
 
 
 def _keep_log(log: Path, folder: Path) -> None:

@@ -2,9 +2,10 @@
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from barn_eval.results.store import TrialRecord
 from barn_eval.results.tracks import track_line
 from barn_eval.running.request import RunRequest
 from barn_eval.running.segments import UNKNOWN_PLANNER, Segment, judge_segment
-from barn_eval.trials.protocol import load_protocol
+from barn_eval.trials.protocol import Protocol, load_protocol
 from barn_eval.trials.result import Rows
 from barn_eval.trials.ros_config import RosConfig
 from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfig
@@ -24,13 +25,21 @@ from barn_eval.trials.spec import simulator_config
 from barn_eval.trials.system import OPERATOR, System
 from barn_sim.config import robot_of
 from barn_worlds.base.config import Checked, quantity
-from barn_worlds.base.errors import BagError, ConfigError, parse_number
+from barn_worlds.base.errors import (
+    BagError,
+    BarnError,
+    ConfigError,
+    note,
+    parse_number,
+)
 from barn_worlds.base.types import Pose2D
 from barn_worlds.datasets.dataset import dataset_files
 from barn_worlds.messages.topics import FRAMES
 from barn_worlds.robots.files import load_robot
 from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.world import LARGEST_SIDE, World
+
+T = TypeVar("T")
 
 # Command of a planner that somebody else has started.
 RECORDED = "recorded"
@@ -85,8 +94,7 @@ class JudgeOptions(Checked):
     def __post_init__(self) -> None:
         """Raise ConfigError for a value that is not allowed."""
         super().__post_init__()
-        worlds = self.numbers("world")
-        are_whole = all(number.is_integer() for number in worlds)
+        are_whole = all(number.is_integer() for number in self.numbers("world"))
         self.require(are_whole, "world", "must be whole numbers, such as 0,30")
         self.numbers("contact_at")
         is_operator = self.contact == OPERATOR
@@ -151,10 +159,10 @@ def judge(
     run = _make_request(out, options, course, system, segments)
     specs = {spec.trial_id: spec for spec in run.trials()}
     contacts_s = options.numbers("contact_at") if is_operator else None
-    finished = {
-        segment.trial_id: judge_segment(segment, specs[segment.trial_id], contacts_s)
-        for segment in segments
-    }
+    finished = _collect(
+        [segment for segment in segments if segment.trial_id in specs],
+        lambda segment: judge_segment(segment, specs[segment.trial_id], contacts_s),
+    )
     # Only now, so that a bag that cannot be judged leaves no folder.
     with ResultsFolder.open(
         run.out,
@@ -184,7 +192,7 @@ def _system_of(drive: ObservedDrive, options: JudgeOptions) -> System:
 
 
 def _split_by_goals(drive: ObservedDrive) -> Iterator[Segment]:
-    """Yield a drive's segments, one per goal, or the whole; BagError below two poses.
+    """Yield a drive's segments, one per goal, or the whole.
 
     A segment ends before the next goal. The same goal may be sent again and again: it
     begins a segment if the robot is back where the last one began.
@@ -206,10 +214,8 @@ def _split_by_goals(drive: ObservedDrive) -> Iterator[Segment]:
         last = first
         goals[first] = goal
     for (first, goal), end in zip(goals.items(), [*goals, count][1:], strict=True):
-        if end - first < 2:
-            raise BagError(f"{drive.path}: has no poses for its goal {goal.content}")
         pose = goal.content if goal.frame == drive.frame else None
-        yield Segment(drive, first, end, pose)
+        yield Segment(drive, first, end, pose, goal.frame, poses[min(goals)])
 
 
 def _identify(
@@ -256,6 +262,31 @@ def _identify(
     return segment
 
 
+def _collect(segments: Sequence[Segment], make: Callable[[Segment], T]) -> dict[str, T]:
+    """Return by trial ID what is made of each segment; note those that are refused.
+
+    Args:
+        segments: The segments, by bag.
+        make: Makes something of a segment, or raises BarnError to refuse it.
+
+    Raises:
+        BarnError: All segments of a bag are refused.
+    """
+    results: dict[str, T] = {}
+    refused: list[tuple[Segment, BarnError]] = []
+    for segment in segments:
+        try:
+            results[segment.trial_id] = make(segment)
+        except BarnError as error:
+            refused.append((segment, error))
+    paths = {other.drive.path for other in segments if other.trial_id in results}
+    for segment, reason in refused:
+        if segment.drive.path not in paths:
+            raise reason
+        note(f"{segment.trial_id} is not judged: {reason}")
+    return results
+
+
 def _make_request(
     out: Path,
     options: JudgeOptions,
@@ -274,7 +305,11 @@ def _make_request(
     simulator = simulator_config(protocol, robot=load_robot(options.robot))
     if datasets[0] == WORLDS:
         robot = robot_of(simulator)
-        worlds = {item.world: _unknown_world(item, course, robot) for item in segments}
+        known = _collect(
+            segments, lambda item: _unknown_world(item, course, protocol, robot)
+        )
+        segments = [segment for segment in segments if segment.trial_id in known]
+        worlds = {segment.world: known[segment.trial_id] for segment in segments}
         course = ()
     planners = dict.fromkeys(segment.planner for segment in segments)
     numbers = sorted({segment.world for segment in segments})
@@ -297,16 +332,20 @@ def _make_request(
     return RunRequest(config, ExecutionConfig(), out, worlds).in_folder(out)
 
 
-def _unknown_world(segment: Segment, course: Sequence[float], robot: Robot) -> World:
+def _unknown_world(
+    segment: Segment, course: Sequence[float], protocol: Protocol, robot: Robot
+) -> World:
     """Return a world of start and goal alone, in the poses' frame; BagError if no goal.
 
     Args:
         segment: The segment, which begins at the start.
         course: Start x, y, yaw and goal x, y, in place of the bag's goal.
+        protocol: The protocol, which the course must fit.
         robot: The robot.
 
     Raises:
         BagError: Neither says where the goal is.
+        ConfigError: The goal counts as reached at the start.
     """
     path = segment.drive.path
     start = segment.start
@@ -317,15 +356,18 @@ def _unknown_world(segment: Segment, course: Sequence[float], robot: Robot) -> W
         goal = start @ Pose2D(x, y, yaw).inverse() @ Pose2D(goal_x, goal_y, 0.0)
     if goal is None:
         drive = segment.drive
-        reason = "has no goal (a topic of geometry_msgs/msg/PoseStamped)"
+        reason = (
+            "has no goal on /goal_pose (topics that may have one:"
+            f" {', '.join(drive.goal_topics) or 'none'})"
+        )
         if drive.goals:
-            reason = f"its goal is in frame {drive.goals[0].frame}, but poses are in {drive.frame}"
+            reason = f"its goal is in frame {segment.goal_frame!r}, but poses are in {drive.frame!r}"
         raise BagError(f"{path}: {reason}; name a goal by --goal, --world or --course")
     ends = np.array([(start.x, start.y), (goal.x, goal.y)])
     corner_x, corner_y = (ends.min(axis=0) - _CELL_M).tolist()
     # The world refuses more cells than that.
     sides = np.minimum(np.ptp(ends, axis=0) // _CELL_M + 3, LARGEST_SIDE + 1)
-    return World(
+    world = World(
         name=path.name,
         grid=np.zeros(sides.astype(int), np.bool_),
         # A path of one cell is none: no length follows from it.
@@ -336,3 +378,5 @@ def _unknown_world(segment: Segment, course: Sequence[float], robot: Robot) -> W
         start=start,
         goal=goal,
     )
+    protocol.scaled_to(world, robot.chassis).course(world)
+    return world

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from barn_eval.results.bags.decode import find_mount
 from barn_eval.results.bags.observed import ObservedDrive
 from barn_eval.results.run_file import WORLDS
 from barn_eval.trials.result import Outcome, format_trial_id
@@ -15,7 +16,7 @@ from barn_eval.trials.trajectory import Trajectory
 from barn_eval.trials.trial import (
     FinishedTrial,
     RunningTrial,
-    arrival_error_s,
+    doubt_poses,
     finish_trial,
 )
 from barn_worlds.base.arrays import Floats, side_lengths
@@ -37,7 +38,9 @@ _LARGEST_TURN_RAD = 0.1  # of the goal seen from the start against the world's
 _FARTHEST_GOAL_M = 0.1  # from the world's goal, before a remark says so
 # Scans of fewer degrees see too little of what is near the robot.
 _NARROWEST_SCAN_RAD = math.pi
+_DEEPEST_M = 0.05  # within the robot, for what a lidar sees to be no part of it
 _GAP_PERIODS = 3.0  # without a pose, before a remark says so
+_LONGEST_GAP_S = 0.5  # likewise, where poses are rare
 _TWIST_TOLERANCE = 0.1  # of positions against the twist, before a remark says so
 _CLOCK_TOLERANCE = 0.1  # of stamps against the log, before a remark says so
 _SHORTEST_M = 0.5  # of a drive whose positions and twists are compared
@@ -51,6 +54,8 @@ class Segment:
     first: int  # index of its first pose
     end: int  # index after its last pose
     goal: Pose2D | None  # in the frame of the poses
+    goal_frame: str = ""
+    home: Pose2D | None = None  # where the bag's first trial began
     # World, planner and repetition as a bag of the suite, or its name, has them.
     dataset: str = ""
     world: int = 0
@@ -89,6 +94,8 @@ def judge_segment(
         BagError: The poses are not those of the world.
     """
     drive = segment.drive
+    if segment.end - segment.first < 2:
+        raise BagError(f"{drive.path}: has no poses between this goal and the next")
     origin, remarks = _place_poses(segment, spec)
     clocks = drive.clocks[segment.first : segment.end]
     # Stamps of a clock that was set in the trial say nothing about its times.
@@ -119,8 +126,9 @@ def judge_segment(
         # What comes later does not matter.
         segment = replace(segment, end=used[-1] + 1)
     doubts, uncertainty_s = _list_doubts(segment, spec, trajectory)
-    uncertainty_s += arrival_error_s(spec, verdict, trajectory)
-    remarks += doubts
+    jumps, arrival_error_s = doubt_poses(spec, verdict, trajectory)
+    uncertainty_s += arrival_error_s
+    remarks += doubts + jumps
     if not spec.system.reports_contacts:
         remarks.append("contacts are unknown, as nobody reported them")
     if drive.problem:
@@ -128,7 +136,8 @@ def judge_segment(
 
     clearance_by = "world"
     if not segment.is_known or spec.system.frame != "world":
-        clearance_m = _scan_clearances(drive, spec, used)
+        clearance_m, doubts = _scan_clearances(drive, spec, used)
+        remarks += doubts
         clearance_by = "scans" if np.isfinite(clearance_m).any() else ""
         trajectory = replace(trajectory, clearance_m=clearance_m)
     return finish_trial(
@@ -168,6 +177,13 @@ def _place_poses(segment: Segment, spec: TrialSpec) -> tuple[Pose2D, list[str]]:
         )
     if segment.goal is None:
         return origin, []
+    course_m = course.start.distance(course.goal)
+    home = segment.home
+    if home and segment.goal.distance(home) < _FARTHEST_START_M < course_m:
+        raise BagError(
+            f"{drive.path}: its goal is where the first trial began; a drive back is no"
+            f" trial of world {segment.world}"
+        )
     if spec.system.frame == "odom":
         # One heading of odometry is noisy; the direction of the goal is not.
         planned = course.start.inverse() @ course.goal
@@ -253,14 +269,15 @@ def _list_doubts(
     period_s = float(np.median(periods_s))
     gap_s = float(periods_s.max())
     doubts = []
-    if gap_s > _GAP_PERIODS * period_s:
+    if gap_s > min(_GAP_PERIODS * period_s, _LONGEST_GAP_S):
         doubts.append(f"no pose for {gap_s:.2f} s")
     # The clock starts at a reading and stops at one, each up to a period late.
     uncertainty_s = max(2.0 * period_s, gap_s)
-    poses = segment.drive.poses[segment.first : segment.end]
-    stamps_ns = np.array([pose.content.stamp_ns for pose in poses])
-    log_ns = segment.drive.log_times_ns[segment.first : segment.end]
-    right = np.flatnonzero(segment.drive.clocks[segment.first : segment.end] >= 0)
+    drive = segment.drive
+    part = slice(segment.first, segment.end)
+    stamps_ns = np.array([pose.content.stamp_ns for pose in drive.poses[part]])
+    log_ns = drive.log_times_ns[part]
+    right = np.flatnonzero(drive.clocks[part] >= 0)
     jumps = np.diff(right) > 1
     if jumps.any():
         wrong = int(np.ptp(right)) + 1 - len(right)
@@ -282,12 +299,14 @@ def _list_doubts(
 
     driven_m = float(side_lengths(trajectory.truth).sum())
     twist_m = float(np.abs(trajectory.velocity[1:, 0]) @ periods_s)
-    if driven_m > _SHORTEST_M and abs(twist_m - driven_m) > _TWIST_TOLERANCE * driven_m:
+    error_m = abs(twist_m - driven_m)
+    if max(driven_m, twist_m) > _SHORTEST_M and error_m > _TWIST_TOLERANCE * driven_m:
         doubts.append(
             f"positions move {driven_m:.2f} m, but the twist says {twist_m:.2f} m:"
-            " stamps may not be the robot's"
+            " stamps may not be the robot's, or a unit is wrong"
         )
-        uncertainty_s += stamped_s * abs(twist_m / driven_m - 1.0)
+        # A robot that stands and turns its wheels tells nothing about its clock.
+        uncertainty_s += stamped_s * error_m / max(driven_m, _SHORTEST_M)
     return doubts, uncertainty_s
 
 
@@ -322,8 +341,8 @@ def _find_contacts(
 
 def _scan_clearances(
     drive: ObservedDrive, spec: TrialSpec, indices: Sequence[int]
-) -> Floats:
-    """Return the distance (n,) in m from the robot's outline to what its last scan hit.
+) -> tuple[Floats, list[str]]:
+    """Return (distance (n,) in m from the robot to what its last scan hit, remarks).
 
     NaN where there is no scan, or one that sees less than half of what is around.
 
@@ -333,7 +352,18 @@ def _scan_clearances(
         indices: Indices of its poses.
     """
     lidar = spec.simulator.lidar
-    built_in = Pose2D(lidar.mount_x_m, lidar.mount_y_m, lidar.mount_yaw_rad)
+    mounts = {}
+    remarks = []
+    for frame in sorted({logged.frame for logged in drive.scans}):
+        mount = find_mount(drive.mounts, frame)
+        mounts[frame] = mount or Pose2D(
+            lidar.mount_x_m, lidar.mount_y_m, lidar.mount_yaw_rad
+        )
+        if mount is None:
+            remarks.append(
+                f"/tf_static lacks {frame or 'the lidar'}, so a"
+                f" {spec.simulator.chassis.name}'s lidar is assumed"
+            )
     gaps = np.full(len(drive.poses), np.nan)
     for logged in drive.scans:
         scan = logged.content
@@ -344,12 +374,14 @@ def _scan_clearances(
         ranges = scan.ranges[is_hit].astype(np.float64)
         bearings = angles[is_hit]
         points = np.column_stack([ranges * np.cos(bearings), ranges * np.sin(bearings)])
-        x, y = drive.mounts.get(logged.frame, built_in).transform(points).T
+        x, y = mounts[logged.frame].transform(points).T
         index = drive.index_at(logged.log_ns)
-        if index >= 0:
-            gap_m = spec.outline.distances(x, y).min()
-            gaps[index] = np.fmin(gaps[index], gap_m)
+        distances_m = spec.outline.distances(x, y)
+        # A lidar may see parts of its own robot.
+        outside_m = distances_m[distances_m > -_DEEPEST_M]
+        if index >= 0 and len(outside_m):
+            gaps[index] = np.fmin(gaps[index], outside_m.min())
     # Between two scans, the last one holds.
     sources = np.where(np.isfinite(gaps), np.arange(len(gaps)), 0)
     held: Floats = gaps[np.maximum.accumulate(sources)]
-    return held[list(indices)]
+    return held[list(indices)], remarks

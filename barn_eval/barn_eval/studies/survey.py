@@ -177,8 +177,7 @@ def _select_scans(trial: RecordedTrial) -> tuple[Floats, list[int]]:
     parts = []
     for number, (scan, _) in enumerate(chosen):
         angles = scan.angles()
-        numbers = np.full(len(angles), number)
-        part = np.column_stack([numbers, angles, scan.ranges])
+        part = np.column_stack([np.full(len(angles), number), angles, scan.ranges])
         farthest_m = min(scan.range_max, _FARTHEST_M)
         parts.append(part[(part[:, 2] > scan.range_min) & (part[:, 2] < farthest_m)])
     return np.concatenate(parts), [place for _, place in chosen]

@@ -41,6 +41,9 @@ STALLED = 10.0
 MAX_TEXT_LENGTH = 2000
 _MAX_ERROR_LENGTH = 300
 _ODOMETRY_DRIFT = 0.02  # share of the way by which odometry may be off
+# A step of poses beyond this is a jump: a distance, and a speed times the period.
+_JUMP_M = 0.25
+_FASTEST_M_PER_NS = 5e-9
 _SCHEDULE_BYTES = 100  # more than three numbers of 64 bits take
 
 
@@ -375,24 +378,33 @@ def finish_trial(
     return FinishedTrial(spec, result, trajectory)
 
 
-def arrival_error_s(spec: TrialSpec, verdict: Verdict, trajectory: Trajectory) -> float:
-    """Return by how many s an arrival may be off because odometry drifts, else 0.
+def doubt_poses(
+    spec: TrialSpec, verdict: Verdict, trajectory: Trajectory
+) -> tuple[list[str], float]:
+    """Return (remarks on jumps of poses, s by which an arrival may be off).
 
-    Earlier, the robot was too far from the goal whatever the drift.
+    Poses that jump farther than a robot drives make all times uncertain. Odometry
+    drifts, but earlier the robot was too far from the goal whatever the drift.
 
     Args:
         spec: The trial.
         verdict: How it ended.
         trajectory: The judged poses.
     """
-    if spec.system.frame != "odom" or verdict.success_time_s is None:
-        return 0.0
     truth = trajectory.truth
+    stamps_ns = trajectory.stamps_ns
+    steps_m = side_lengths(truth)
+    is_jump = steps_m > _JUMP_M + _FASTEST_M_PER_NS * np.diff(stamps_ns)
+    if is_jump.any():
+        jumps = [f"poses jump by {steps_m[is_jump].max():.2f} m"]
+        return jumps, seconds(int(np.ptp(stamps_ns)))
+    if spec.system.frame != "odom" or verdict.success_time_s is None:
+        return [], 0.0
     goal = spec.course.goal
     left_m = np.hypot(truth[:, 0] - goal.x, truth[:, 1] - goal.y)
-    left_m -= _ODOMETRY_DRIFT * side_lengths(truth).sum()
+    left_m -= _ODOMETRY_DRIFT * steps_m.sum()
     is_near = left_m <= spec.scaled_protocol.goal_distance_m
-    return seconds(int(np.ptp(trajectory.stamps_ns[np.argmax(is_near) :])))
+    return [], seconds(int(np.ptp(stamps_ns[np.argmax(is_near) :])))
 
 
 def describe_error(error: Exception) -> str:

@@ -1,6 +1,8 @@
 """Trials judged from bags: by truth and odometry, converted, doubtful, incomplete."""
 
+import copy
 import math
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -113,10 +115,12 @@ def test_by_odometry_times_are_within_a_reading_and_clearance_is_by_scans(
     assert (expected.scores.efficiency, expected.speed_cap_mps) == (None, None)
 
 
-@pytest.mark.parametrize("kind", [*CONVERSIONS, *CHANGES])
+@pytest.mark.parametrize("kind", [*CONVERSIONS, *CHANGES, "backward"])
 def test_the_same_bag_in_any_form_gives_the_same_row(nearer, tmp_path, kind):
     change = CHANGES.get(kind, lambda message: message)
     messages = [change(message) for message in messages_of(nearer, kept)]
+    if kind == "backward":
+        messages.reverse()
     path = tmp_path / "gap_w0120_r00"
     if kind == "ros1":
         path = path.with_suffix(".bag")
@@ -133,6 +137,8 @@ def test_parts_without_their_metadata_are_read(nearer, tmp_path, expected):
     row = judge_one(database, tmp_path / "out", protocol=near(nearer), world="120")
     assert row.scores == expected.scores
     assert row.planner == "unknown"
+    own = judge_one(tmp_path / "bag" / "metadata.yaml", tmp_path / "own", world="120")
+    assert own.trial_id == row.trial_id
 
 
 def test_tf_gives_the_row_of_the_odometry(nearer, tmp_path, expected):
@@ -226,6 +232,53 @@ def test_each_goal_begins_a_trial(nearer, tmp_path):
     assert rows[2].observed.time_uncertainty_s < 1.0
 
 
+def test_goals_that_cannot_be_judged_leave_the_others(nearer, tmp_path, caplog):
+    messages = messages_of(nearer, kept)
+    (goal,) = [message for message in messages if message.topic == "/goal_pose"]
+    end_ns = messages[-1].stamp_ns
+
+    def back(content):
+        content.pose.position.x = content.pose.position.y = 0.1
+
+    def elsewhere(content):
+        content.header.frame_id = "elsewhere"
+
+    def lose(content):
+        content.pose.position.x = math.nan
+
+    # In the order of the file, the later goal is the first.
+    changes = {elsewhere: end_ns - 10**8, back: end_ns - 10**9, lose: 0}
+    for change, stamp_ns in changes.items():
+        messages.append(replace(edited(goal, change), stamp_ns=stamp_ns))
+    messages.append(replace(goal, stamp_ns=end_ns + 1))
+    options = JudgeOptions(protocol=near(nearer))
+    for name, count, notes in (
+        (
+            "gap_w0120_r00",
+            2,
+            ["gap_w0120_r01 is not judged: .*a drive back is no trial"],
+        ),
+        (
+            "lab",
+            1,
+            [
+                "_w0001_r00 is .*counts as arrival",
+                "_w0002_r00 .*is in frame 'elsewhere'",
+            ],
+        ),
+    ):
+        path = write_bag(tmp_path / name, messages)
+        _, rows = judge([path], tmp_path / f"out_{name}", options)
+        assert len(rows) == count
+        assert rows[0].outcome is Outcome.SUCCESS
+        for words in (
+            *notes,
+            "/goal_pose: messages are ignored: values",
+            "0_r03 is not judged: .*has no poses between",
+        ):
+            assert re.search(words, caplog.text)
+
+
 def test_what_is_doubtful_is_said_and_enters_the_uncertainty(judge_changed):
     def change(message):
         at_s = message.stamp_ns / 1e9
@@ -252,6 +305,61 @@ def test_what_is_doubtful_is_said_and_enters_the_uncertainty(judge_changed):
     row = judge_changed(of_odometry(twice), "fast/gap_w0120_r00")
     assert "stamps may not be the robot's" in row.remarks
     assert row.observed.time_uncertainty_s > row.scores.duration_s / 2.0
+
+
+def hop(content):
+    content.pose.pose.position.x += 3.0 * (content.header.stamp.sec == 2)
+
+
+def shrink(content):
+    content.pose.pose.position.x *= 0.01
+    content.pose.pose.position.y *= 0.01
+
+
+@pytest.mark.parametrize(
+    "change, words",
+    [
+        (of_odometry(hop), "poses jump by 3.0. m"),
+        (of_odometry(shrink), "positions move 0.0. m, but the twist says"),
+        (
+            lambda m: None if m.topic == "/odom" and m.stamp_ns % 10**9 else kept(m),
+            "no pose for 1.00 s",
+        ),
+    ],
+)
+def test_poses_that_jump_shrink_or_are_rare_are_doubtful(judge_changed, change, words):
+    row = judge_changed(change)
+    assert re.search(words, row.remarks)
+    assert row.observed.time_uncertainty_s >= min(2.0, row.scores.duration_s)
+
+
+def test_lidars_are_where_chains_of_transforms_say_and_see_no_part_of_the_robot(
+    judge_changed, expected
+):
+    def change(message):
+        if message.topic == "/scan":
+            return edited(message, see_itself)
+        return (
+            edited(message, chain) if message.topic == "/tf_static" else kept(message)
+        )
+
+    def see_itself(content):
+        content.range_min = 0.0
+        content.ranges = content.ranges.copy()
+        content.ranges[:20] = 0.12
+
+    def chain(content):
+        (lidar,) = (t for t in content.transforms if t.child_frame_id == "lidar_link")
+        mast = copy.deepcopy(lidar)
+        mast.child_frame_id = lidar.header.frame_id = "mast"
+        lidar.transform.translation.x = 0.0
+        content.transforms.append(mast)
+
+    row = judge_changed(change)
+    assert row.measures.min_clearance_m == expected.measures.min_clearance_m
+    assert row.remarks == ""
+    row = judge_changed(without("/tf_static"), "lost/gap_w0120_r00")
+    assert "/tf_static lacks lidar_link, so a jackal's lidar is assumed" in row.remarks
 
 
 def stamped(shift_s):
@@ -345,11 +453,28 @@ def no_heading(content):
     content.pose.pose.orientation.z = content.pose.pose.orientation.w = 0.0
 
 
+def rename(content):
+    content.header.frame_id = "odom" if content.header.stamp.sec < 3 else "map"
+
+
+def only_pose(message, name="/mocap"):
+    return replace(message, topic=name) if message.topic == "/goal_pose" else None
+
+
 @pytest.mark.parametrize(
     "change, options, words",
     [
-        (without("/goal_pose"), {}, "has no goal .a topic of geometry_msgs/msg/Pose"),
-        (without("/odom", "/ground_truth/odom"), {}, "no poses of a robot on /odom"),
+        (
+            without("/goal_pose"),
+            {},
+            "has no goal on /goal_pose .*one: none.; name a goal by --goal, ",
+        ),
+        (
+            without("/odom", "/ground_truth/odom"),
+            {},
+            "no poses of a robot on /odom.*such as --pose /amcl_pose; it has",
+        ),
+        (only_pose, {}, "no poses of a robot.*such as --pose /mocap; it has /mocap"),
         (kept, {"pose": "/pose"}, "has no topic /pose; it has /cmd"),
         (kept, {"pose": "/tf:a.b"}, "on /tf:a.b .tf has .*odom to bas"),
         (
@@ -359,6 +484,13 @@ def no_heading(content):
         ),
         (kept, {"pose": "/scan"}, "no poses of a robot on /scan"),
         (kept, {"contact": "/scan"}, "/scan: must be a std_msgs/msg/Bool"),
+        (
+            lambda m: only_pose(m, "/r1/goal_pose") or m,
+            {},
+            "no goal on /goal_pose .topics that may have one: /r1/goal_pose.; name a",
+        ),
+        (of_odometry(rename), {}, "/odom: has poses in the frames 'odom' and 'map'"),
+        (lambda m: replace(m, stamp_ns=7), {}, "all its poses were logged at 7 ns"),
         (of_odometry(no_heading), {}, "on /odom .none was sent, or none is finite"),
         (
             kept,

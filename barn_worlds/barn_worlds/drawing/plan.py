@@ -83,8 +83,7 @@ class CoursePlan:
         """
         content = io.BytesIO()
         with PdfPages(content, metadata={"CreationDate": None}) as pages:
-            # The tiles come first, because they raise if there are too many.
-            for figures in (self._tiles(), [self._overview()], self._tables()):
+            for figures in ([self._overview()], self._tables(), self._tiles()):
                 for figure in figures:
                     pages.savefig(figure)
         return content.getvalue()
@@ -150,8 +149,8 @@ class CoursePlan:
             for number, (x, y) in enumerate(self.world.cylinders_m.tolist())
         ]
         title = (
-            f"{self.world.name}: number, x and y of each center in m; the containment"
-            f" starts at {len(self.world.obstacles_m)}"
+            f"{self.world.name}: number, x and y of each center in m; from number"
+            f" {len(self.world.obstacles_m)} on, they are the walls around"
         )
         for begin in range(0, len(lines), _ROWS * _COLUMNS):
             figure = self._page(title)
@@ -189,6 +188,8 @@ class CoursePlan:
         frame = np.concatenate([(_MARGIN_M, _MARGIN_M), area_m])
         left, bottom, width, height = (frame / np.tile(paper_m, 2)).tolist()
         centers_m = self.world.cylinders_m
+        # In points, within the object.
+        size = min(7.0, 28.0 * self.config.size_m / _INCH_M / scale)
         for row, column in np.ndindex(down, across):
             corner = low + step_m * (column, down - 1 - row)
             inside = (centers_m > corner) & (centers_m < corner + area_m * scale)
@@ -196,17 +197,21 @@ class CoursePlan:
                 f"{self.world.name}, 1:{scale}, row {row + 1} of {down}, column"
                 f" {column + 1} of {across}. Print at 100 %: the bar is"
                 f" {1000.0 * _BAR_M:g} mm. Tiles overlap by {1000.0 * _OVERLAP_M:g} mm."
+                " x and y are in m."
             )
             axes = figure.add_axes((left, bottom, width, height))
             self._draw(axes, corner, corner + area_m * scale)
             for number in np.flatnonzero(inside.all(axis=1)).tolist():
                 x, y = centers_m[number]
                 axes.text(
-                    x, y, str(number), size=7, color=WHITE, ha="center", va="center"
+                    x, y, str(number), size=size, color=WHITE, ha="center", va="center"
                 )
             # Above the frame, where nothing else is drawn.
             bar_x, bar_y = corner + (0.0, area_m[1] * scale + 0.003 * scale)
             bar = [bar_x, bar_x + _BAR_M * scale]
             axes.plot(bar, [bar_y, bar_y], color=INK, clip_on=False)
-            axes.tick_params(direction="in", labelsize=6, pad=-12)
+            # A mark or a grid line through a label would look like a minus sign.
+            axes.tick_params(length=0, labelsize=6, pad=-12)
+            for label in (*axes.get_xticklabels(), *axes.get_yticklabels()):
+                label.set_bbox({"color": WHITE, "pad": 1.0})
             yield figure

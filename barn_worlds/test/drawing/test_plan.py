@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_pdf import PdfPages
 
 from barn_worlds.base.errors import BarnError
 from barn_worlds.base.types import Pose2D
@@ -40,6 +41,10 @@ def test_tiles_are_to_scale_and_show_every_number(small_world, paper):
         height_m = figure.get_figheight() * 0.0254 * axes.get_position().height
         assert np.ptp(axes.get_ylim()) == pytest.approx(5 * height_m)
         numbers |= {int(text.get_text()) for text in axes.texts}
+        # Nothing beside a label may look like its minus sign.
+        assert {
+            tick.tick1line.get_markersize() for tick in axes.yaxis.get_major_ticks()
+        } == {0}
     assert numbers == set(range(len(small_world.cylinders_m)))
 
 
@@ -54,7 +59,15 @@ def test_the_first_page_counts_and_measures(small_world):
     assert "barn course survey" in texts(plan(small_world)._overview())
 
 
-def test_equal_plans_are_equal_files(small_world):
+def test_equal_plans_are_equal_files_that_begin_with_the_overview(
+    small_world, monkeypatch
+):
+    pages = []
+    monkeypatch.setattr(PdfPages, "savefig", lambda _, figure: pages.append(figure))
+    plan(small_world).pdf()
+    assert "plan of the course" in texts(pages[0])
+    assert "number, x and y of each center" in texts(pages[1])
+    monkeypatch.undo()
     assert plan(small_world).pdf() == plan(small_world).pdf()
 
 

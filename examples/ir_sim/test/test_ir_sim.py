@@ -2,6 +2,7 @@
 
 import os
 import shlex
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -35,8 +36,9 @@ def test_a_planner_drives_through_a_world_in_ir_sim(tmp_path):
                 command, env=environment, capture_output=True, text=True, check=False
             )
         finally:
-            bridge.kill()
-            bridge.wait()
+            bridge.send_signal(signal.SIGINT)
+            code = bridge.wait()
+    assert code == 0
     (row,) = RowFile(tmp_path / "out").read()
     assert row.outcome is Outcome.SUCCESS, ended.stdout + ended.stderr
     assert row.observed.system == "ir-sim"

@@ -308,6 +308,8 @@ class BagFile:
             if partial.exists():
                 hint = f"; there is an unfinished one, {partial}"
             raise BagError(f"{path}: no such bag{hint}")
+        if path.name == "metadata.yaml":
+            path = path.parent
         if path.is_file():
             return [path]
         for ending in _ENDINGS:

@@ -1,7 +1,7 @@
 """Decode a bag's messages by type, and read the trial that its metadata describe."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from operator import attrgetter
 from typing import Any
 
@@ -22,6 +22,7 @@ RECOVERING = PlannerStatus.RECOVERING.value
 _MAX_CELLS = 1 << 24
 _MAX_BEAMS = 100_000
 _MAX_LETTERS = 60
+_BASES = ("base_link", "base_footprint")  # of a robot, maybe with a prefix
 
 _numbers = attrgetter("x", "y", "yaw")  # of a pose
 
@@ -67,15 +68,39 @@ def _grid(data: bytes) -> OccupancyMap:
     return grid
 
 
-def read_mounts(data: bytes) -> dict[str, Pose2D]:
-    """Return poses in base_link by child frame; MessageError if one is not finite."""
-    mounts = {}
+Links = dict[str, tuple[str, Pose2D]]  # parent frame and pose in it, by frame
+
+
+def read_links(data: bytes) -> Links:
+    """Return the finite transforms of a TFMessage as links; MessageError if malformed."""
+    links = {}
     for transform in decode.transforms(data):
-        # In ROS 1, names of frames began with a slash.
-        if transform.parent.lstrip("/") == "base_link":
-            _require_finite(*_numbers(transform.pose))
-            mounts[transform.child] = transform.pose
-    return mounts
+        if all(map(math.isfinite, _numbers(transform.pose))):
+            # In ROS 1, names of frames began with a slash.
+            link = (transform.parent.lstrip("/"), transform.pose)
+            links[transform.child.lstrip("/")] = link
+    return links
+
+
+def find_mount(items: Iterable[Any], frame: str) -> Pose2D | None:
+    """Return a frame's pose in base_link, None if no chain of links leads there.
+
+    Args:
+        items: Messages on /tf_static; the `content` of each is its links.
+        frame: Frame of a sensor.
+    """
+    links: Links = {}
+    for item in items:
+        links |= item.content
+    pose = ORIGIN
+    frame = frame.lstrip("/")
+    while frame.rpartition("/")[2] not in _BASES:
+        if frame not in links:
+            return None
+        # Each link counts once: frames in a circle lead nowhere.
+        frame, mount = links.pop(frame)
+        pose = mount @ pose
+    return pose
 
 
 def _outcome(data: bytes) -> str:
@@ -117,7 +142,7 @@ READERS: tuple[tuple[Topic, Callable[[bytes], Any]], ...] = (
     (topics.CANDIDATES, decode.markers),
     (topics.SCORE, _number),
     (topics.OUTCOME, _outcome),
-    (topics.TF_STATIC, read_mounts),
+    (topics.TF_STATIC, read_links),
     (topics.WORLD, decode_scene),
     (topics.MOVING, decode_moving),
     (topics.MOVING_POSES, decode_moving_poses),

@@ -230,8 +230,7 @@ class McapWriter:
         """
         self.end_chunk()
         record = _to_bytes([Metadata(name, dict(texts))])
-        index = MetadataIndex(self._stream.tell(), len(record), name)
-        self._metadata.append(index)
+        self._metadata.append(MetadataIndex(self._stream.tell(), len(record), name))
         self._stream.write(record)
         self._stream.flush()
 

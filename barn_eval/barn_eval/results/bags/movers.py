@@ -77,8 +77,7 @@ class RecordedMotions:
         start = int(np.searchsorted(self.times_s, time_s - TRAIL_S))
         trails = []
         for k, place in enumerate(places_now):
-            jumps = np.flatnonzero(self.jumps[start:end, k])
-            last_jump = max(jumps, default=0)
+            last_jump = max(np.flatnonzero(self.jumps[start:end, k]), default=0)
             past = self.places[start + last_jump : end, k]
             trails.append(np.vstack([past, place]))
         return trails

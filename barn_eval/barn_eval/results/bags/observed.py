@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,15 +15,14 @@ from barn_eval.results.bags.decode import (
     TOPICS,
     frame_and_content,
     metadata,
-    read_mounts,
 )
-from barn_eval.results.bags.sources import Sources, TopicChoice
+from barn_eval.results.bags.sources import PoseReader, Sources, TopicChoice
 from barn_eval.trials.stamps import number_clocks
 from barn_eval.trials.system import NO_CONTACT
 from barn_worlds.base.arrays import Integers
-from barn_worlds.base.errors import BagError, MessageError, format_error
-from barn_worlds.base.types import Odometry, Pose2D
-from barn_worlds.messages import decode, topics
+from barn_worlds.base.errors import BagError, MessageError, format_error, note
+from barn_worlds.base.types import Odometry
+from barn_worlds.messages import topics
 
 
 class Logged(NamedTuple):
@@ -43,20 +43,19 @@ class ObservedDrive:
     clock: str = "stamps"  # or "log" if poses have no stamps
     poses: list[Logged] = field(default_factory=list)  # Odometry
     goals: list[Logged] = field(default_factory=list)  # Pose2D
+    goal_topics: list[str] = field(default_factory=list)  # that may have goals
     contacts: list[Logged] = field(default_factory=list)  # bool
     commands: list[Logged] = field(default_factory=list)  # Velocity2D
     scans: list[Logged] = field(default_factory=list)  # Scan
     contact_source: str = NO_CONTACT
-    mounts: dict[str, Pose2D] = field(default_factory=dict)  # in base_link, by frame
+    mounts: list[Logged] = field(default_factory=list)  # links of static transforms
     trial: dict[str, Any] = field(default_factory=dict)  # in bags of the suite
     problem: str = ""  # why the bag could not be read to its end
 
     @cached_property
     def log_times_ns(self) -> Integers:
         """Times (n,) at which the poses were logged; use it only on a complete drive."""
-        times_ns = np.array([pose.log_ns for pose in self.poses], np.int64)
-        # A recorder may write messages out of order.
-        return np.maximum.accumulate(times_ns)
+        return np.array([pose.log_ns for pose in self.poses], np.int64)
 
     @cached_property
     def clocks(self) -> Integers:
@@ -78,7 +77,7 @@ def read_observed_drive(path: Path, sources: Sources) -> ObservedDrive:
     bag = BagFile(path)
     choice = TopicChoice(bag, sources)
     reader = choice.pose_reader()
-    drive = ObservedDrive(path, reader.name)
+    drive = ObservedDrive(path, reader.name, goal_topics=choice.goals)
     for message in bag.messages({*choice.paths, *reader.topics}):
         try:
             if message.topic in reader.topics:
@@ -90,14 +89,16 @@ def read_observed_drive(path: Path, sources: Sources) -> ObservedDrive:
             raise BagError(f"{path}: {message.topic}: {format_error(error)}") from None
     drive.problem = bag.problem
     if not drive.poses:
-        reason = bag.problem or "none was sent, or none is finite"
-        if sources.frames:
-            links = sorted(f"{parent} to {child}" for parent, child in reader.links)
-            reason = f"tf has {', '.join(links) or 'no frames'}"
-            chain = _find_chain(reader.links, sources.frames)
-            if chain:
-                reason = f"other frames are between: --pose /tf:{'.'.join(chain)}"
+        reason = bag.problem or _explain_missing(reader, sources.frames)
         raise BagError(f"{path}: no poses of a robot on {reader.name} ({reason})")
+    # A file may be out of order.
+    for items in (drive.poses, drive.goals):
+        items.sort(key=attrgetter("log_ns"))
+    if drive.poses[0].log_ns == drive.poses[-1].log_ns:
+        raise BagError(
+            f"{path}: all its poses were logged at {drive.poses[0].log_ns} ns, so goals,"
+            " scans and contacts cannot be assigned to them; record the bag with times"
+        )
     drive.frame = reader.frame
     drive.trial = metadata(bag, "barn.trial", "specification")
     if not any(pose.content.stamp_ns for pose in drive.poses):
@@ -105,6 +106,17 @@ def read_observed_drive(path: Path, sources: Sources) -> ObservedDrive:
         for number, (log_ns, pose, _) in enumerate(drive.poses):
             drive.poses[number] = Logged(log_ns, replace(pose, stamp_ns=log_ns))
     return drive
+
+
+def _explain_missing(reader: PoseReader, frames: Sequence[str]) -> str:
+    """Return why a reader has found no poses, by topic or by `frames` of tf."""
+    if not frames:
+        return "none was sent, or none is finite"
+    chain = _find_chain(reader.links, frames)
+    if chain:
+        return f"other frames are between: --pose /tf:{'.'.join(chain)}"
+    links = sorted(f"{parent} to {child}" for parent, child in reader.links)
+    return f"tf has {', '.join(links) or 'no frames'}"
 
 
 def _find_chain(links: Iterable[tuple[str, str]], frames: Sequence[str]) -> list[str]:
@@ -133,23 +145,25 @@ def _is_finite(odometry: Odometry) -> bool:
 def _take_message(
     drive: ObservedDrive, choice: TopicChoice, message: RawMessage
 ) -> None:
-    """Add a goal, contact, command, scan or mount from a message to a drive."""
+    """Add a message's content to a drive; note it if that is not plausible."""
     topic = choice.paths.get(message.topic, "")
-    if message.type_name not in TOPICS.get(topic, ()):
+    items = {
+        topics.GOAL_POSE.path: drive.goals,
+        topics.COLLISION.path: drive.contacts,
+        topics.CMD_VEL.path: drive.commands,
+        topics.SCAN.path: drive.scans,
+        topics.TF_STATIC.path: drive.mounts,
+    }
+    is_contact = topic == topics.COLLISION.path
+    if is_contact and choice.sources.contact == NO_CONTACT:
         return
-    log_ns = message.stamp_ns
-    data = message.data
-    if topic == topics.GOAL_POSE.path:
-        frame, goal = frame_and_content(topic, message.type_name, data)
-        drive.goals.append(Logged(log_ns, goal, frame.lstrip("/")))
-    elif topic == topics.COLLISION.path and choice.sources.contact != NO_CONTACT:
-        drive.contacts.append(Logged(log_ns, decode.boolean(data)))
+    if topic not in items or message.type_name not in TOPICS[topic]:
+        return
+    try:
+        frame, content = frame_and_content(topic, message.type_name, message.data)
+    except MessageError as error:
+        note(f"{drive.path}: {message.topic}: messages are ignored: {error}")
+        return
+    items[topic].append(Logged(message.stamp_ns, content, frame.lstrip("/")))
+    if is_contact:
         drive.contact_source = message.topic.removeprefix(choice.sources.namespace)
-    elif topic == topics.CMD_VEL.path:
-        command = decode.command(data, message.type_name)
-        drive.commands.append(Logged(log_ns, command))
-    elif topic == topics.SCAN.path:
-        frame = decode.header(data).frame
-        drive.scans.append(Logged(log_ns, decode.scan(data), frame))
-    elif topic == topics.TF_STATIC.path:
-        drive.mounts |= read_mounts(data)

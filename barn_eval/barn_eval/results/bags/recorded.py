@@ -102,9 +102,8 @@ class RecordedTrial:
             return ORIGIN
         index = self.index_at(item.time_s)
         true_pose = Pose2D(*self.poses[index].tolist())
-        measured_pose = Pose2D(*self.odometry[index].tolist())
         # Odometry drifts, so its frame lies elsewhere at each time.
-        odom_in_frame = true_pose @ measured_pose.inverse()
+        odom_in_frame = true_pose @ Pose2D(*self.odometry[index].tolist()).inverse()
         return odom_in_frame if item.frame == ODOM else odom_in_frame.inverse()
 
     @cached_property
@@ -206,8 +205,8 @@ def read_recorded_trial(path: Path, sources: Sources = NO_SOURCES) -> RecordedTr
             scene = scene_of_map(grid)
             unreadable["scene"] = "obstacles are the occupied cells of the bag's map"
 
-    notes = [bag.problem, *unreadable.values(), moving_note, lidar_note, robot_note]
-    notes.append(pose_note)
+    parts = (moving_note, lidar_note, robot_note, pose_note)
+    notes = [bag.problem, *unreadable.values(), *parts]
     if map_frame != ORIGIN:
         notes.append(
             "map and plan are drawn where the obstacles stand, which is"
@@ -382,9 +381,10 @@ def _find_lidar(items: ItemsByTopic, trial: dict[str, Any]) -> tuple[Pose2D, str
     The pose is from static transforms, or else from the trial's specification.
     """
     frames = {item.frame for item in items[topics.SCAN]}
-    for item in items[topics.TF_STATIC]:
-        for frame in frames & item.content.keys():
-            return item.content[frame], ""
+    for frame in sorted(frames):
+        lidar = decode.find_mount(items[topics.TF_STATIC], frame)
+        if lidar is not None:
+            return lidar, ""
     mount = decode.read_specification(trial, "lidar", "mount_x_m")
     if mount is not None:
         return Pose2D(mount[0], 0.0, 0.0), ""

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 from barn_eval.results.bags.bagfile import BagFile, RawMessage
 from barn_eval.trials.system import NO_CONTACT
-from barn_worlds.base.errors import BagError, ConfigError, format_value
+from barn_worlds.base.errors import BagError, ConfigError, MessageError, format_value
 from barn_worlds.base.types import ORIGIN, Odometry, Pose2D, Velocity2D
 from barn_worlds.messages import decode, topics
 
@@ -57,6 +57,7 @@ class TopicChoice:
     Attributes:
         sources: Topics named by the user, with the namespace that was found.
         paths: Path of the suite's topic by the bag's topic.
+        goals: Topics that a goal may be on.
     """
 
     def __init__(self, bag: BagFile, sources: Sources):
@@ -92,7 +93,8 @@ class TopicChoice:
                 self._add(topic, topic.path)
         for topic in _BY_TYPE:
             self._add(topic, *self._of_type(topic.type_name))
-        goals = [name for name in self._of_type(_POSE) if name.endswith("goal")]
+        self.goals = [name for name in self._of_type(_POSE) if "goal" in name]
+        goals = [name for name in self.goals if name.endswith("goal")]
         self._add(topics.GOAL_POSE, *goals)
 
     def _add(self, topic: topics.Topic, *names: str) -> None:
@@ -139,7 +141,7 @@ class TopicChoice:
         # A bag that is cut off may lack topics.
         if not names and self._bag.problem:
             return f"; {self._bag.problem}"
-        return f"; it has {names or 'no topic'}"
+        return f"; it has {names or 'no messages'}"
 
     def pose_reader(self) -> "PoseReader":
         """Return a reader of the robot's poses; BagError with the topics if there is none."""
@@ -151,14 +153,18 @@ class TopicChoice:
         for name, path in self.paths.items():
             if path == topics.ODOM.path and self._bag.types[name] in _POSE_TYPES:
                 return PoseReader(name.removeprefix(sources.namespace), {name}, [])
-        advice = f"frames of tf, such as --pose {_TF}odom.base_link"
-        odometry = self._of_type(_ODOMETRY)
-        if odometry:
-            advice = f"such as --pose {odometry[0]}"
+        candidates = [
+            name
+            for kind in _POSE_TYPES
+            for name in self._of_type(kind)
+            if name not in self.goals and not name.endswith("/initialpose")
+        ]
+        if self._of_type(topics.TF.type_name):
+            candidates.append(f"{_TF}odom.base_link")
+        advice = f"; name them, such as --pose {candidates[0]}" if candidates else ""
         raise BagError(
             f"{self._bag.path}: no poses of a robot on {sources.pose or topics.ODOM.path}"
-            f" or on one topic of {', '.join(_POSE_TYPES)}; name them, {advice}"
-            f"{self.list_topics()}"
+            f" or on one topic of {', '.join(_POSE_TYPES)}{advice}{self.list_topics()}"
         )
 
 
@@ -191,7 +197,10 @@ class PoseReader:
             yield from self._read_transforms(message)
             return
         header = decode.header(message.data)
-        self.frame = header.frame.lstrip("/")
+        frame = header.frame.lstrip("/")
+        if self.frame not in ("", frame):
+            raise MessageError(f"has poses in the frames {self.frame!r} and {frame!r}")
+        self.frame = frame
         if message.type_name == _ODOMETRY:
             yield decode.odometry(message.data)
         else:
