@@ -223,6 +223,7 @@ def test_every_planner_fault_is_an_outcome(tmp_path):
         "dies": Outcome.PLANNER_DIED,
         "exits": Outcome.PLANNER_DIED,
         "hangs": Outcome.PLANNER_STALLED,
+        "apart": Outcome.TIMEOUT,
         "one_shot": Outcome.TIMEOUT,  # drives, and ends when there is nothing more to do, as the one after it
     }
     options = {"setup": ros.QUICK, "repetitions": len(kinds) + 1}
@@ -235,6 +236,7 @@ def test_every_planner_fault_is_an_outcome(tmp_path):
     assert by_kind["dies"].detail == "the planner was killed by SIGKILL"
     assert by_kind["exits"].detail == "the planner exited with code 3"
     assert by_kind["silent"].wall_clock.missed_cycles >= 1
+    assert "; no node publishes /missing_path" in by_kind["silent"].detail
     assert "no command for 5 s" in by_kind["hangs"].detail
     for kind in ("nan", "dies", "exits", "hangs"):
         # 30 good cycles went before, and are in the trajectory
