@@ -194,6 +194,12 @@ def test_an_entry_and_a_file_can_be_named(workspace):
     file = workspace / "src/follow/follow/node.py"
     executable = find_executable(str(file))
     assert (executable.entry, executable.sources()) == ("node:main", [file])
+    file.write_text(file.read_text() + 'if __name__ == "__main__":\n    main()\n')
+    executable = find_executable(str(file))
+    assert (executable.entry, executable.sources()) == ("node.py", [file])
+    # What ROS 1 leaves at the top of a workspace.
+    (workspace / "src" / "CMakeLists.txt").symlink_to("/nowhere")
+    assert find_executable(f"{workspace}:follower").folder == file.parents[1]
 
 
 COMPUTED = "console_scripts = []\nd = {'console_scripts': [f'{name()} = a:b']}\n"
@@ -255,7 +261,8 @@ def test_what_cannot_be_started_is_refused_with_what_to_type(
 def test_modules_are_looked_for_through_a_packages_own_files(workspace):
     node = workspace / "src/follow/follow/node.py"
     node.write_text(
-        "import nowhere_a.part\nfrom . import near\nfrom helper import words\n"
+        "import nowhere_a.part\nfrom . import near, SPEED\nfrom helper import words\n"
+        "from . import *\nimport own_interfaces.srv\n"
         "try:\n    import nowhere_b\nexcept ImportError:\n    pass\n"
         "self.declare_parameter('goal_x', 1.0)\n"
     )
@@ -264,7 +271,8 @@ def test_modules_are_looked_for_through_a_packages_own_files(workspace):
     )
     source = read_source(f"package:{workspace}:follower")
     missing = source.missing_modules({})
-    assert list(missing) == ["nowhere_a", "tf2"]
+    assert list(missing) == ["nowhere_a", "own_interfaces", "tf2"]
+    assert missing["own_interfaces"].startswith("build its types with colcon")
     assert "PyPI is another package" in missing["tf2"]
     assert source.goal_arguments() == " --ros-args -p goal_x:={goal_x}"
 
@@ -277,5 +285,7 @@ def test_an_end_without_a_word_is_explained(tmp_path):
     assert "input" in explain_end(command, "EOFError: EOF when reading a line")
     missing = "ModuleNotFoundError: No module named 'cv2.aruco'"
     assert explain_end(command, missing).endswith("opencv-python-headless")
+    missing = "ModuleNotFoundError: No module named 'follow.old'"
+    assert explain_end(command, missing).endswith("follow does not contain it")
     script.write_text(script.read_text() + "\nmain()\n")
     assert explain_end(command, "") == ""
