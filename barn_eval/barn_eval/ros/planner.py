@@ -340,7 +340,7 @@ class PlannerClient:
             if refusal:
                 # A planner need not take a seed.
                 self._loop.node.get_logger().info(
-                    f"the planner is not seeded: {refusal}", once=True
+                    f"the planner takes no seed: {refusal}", once=True
                 )
         if node.offers("reset"):
             refusal = self._refusal(lambda: node.trigger("reset", limit_s, limit_s))
