@@ -220,9 +220,9 @@ def _choose(name: str, files: Sequence[Path], packages: Sequence[Path]) -> Execu
     launch_files = [
         file for file in files if file.suffix == ".py" and LAUNCHES in _read(file)
     ]
-    for file in launch_files:
-        if name and file.match(name):
-            return _read_launched(file, packages)
+    named_files = [file for file in launch_files if name and file.match(name)]
+    if len(named_files) == 1:
+        return _read_launched(named_files[0], packages)
     compiled = _explain_compiled(packages)
     # Built with ROS 1's catkin.
     catkin = "<buildtool_depend>catkin<"
@@ -238,13 +238,17 @@ def _choose(name: str, files: Sequence[Path], packages: Sequence[Path]) -> Execu
         return matching[0]
 
     problem = "name one of its executables or launch files"
-    if not matching:
-        names = [item.name for item in executables]
+    # Those that send commands come first.
+    executables.sort(key=lambda item: "Twist" not in _read(item.sources()[0]))
+    names = [item.name for item in (*executables, *launch_files)]
+    if named_files or (name and matching):
+        names = [f"{item.folder}:{name}" for item in matching]
+        names += map(str, named_files)
+    elif name:
         problem = f"no executable {name!r}{suggest(name, names)}; {problem}"
-    choices = [f"{item.folder}:{item.name}" for item in matching or executables]
-    choices += map(str, launch_files)
+    choices = ", ".join(dict.fromkeys(names))
     raise ConfigError(
-        "; ".join(filter(None, [f"{problem}: {', '.join(choices)}", compiled]))
+        "; ".join(filter(None, [f"{problem}, as DIR:NAME: {choices}", compiled]))
     )
 
 

@@ -108,7 +108,7 @@ def generate_launch_description():
         package="follow",
         executable="follower",
         name="leader",
-        parameters=[os.path.join(share, "a.yaml"), {"use_sim_time": clock, "f": "1"}],
+        parameters=[os.path.join(share, "a.yaml"), {"use_sim_time": clock, "x": -5.0}],
         remappings=[("scan", LaunchConfiguration("scan"))],
         arguments=["--fast"],
     )
@@ -130,7 +130,7 @@ def generate_launch_description():
 """
 ARGUMENTS = (
     "--fast --ros-args -r __node:=leader -r scan:=/front/scan --params-file {}/a.yaml"
-    ' -p use_sim_time:=true -p f:="1" --'
+    " -p use_sim_time:=true -p x:=-5.0 --"
 )
 
 
@@ -148,6 +148,9 @@ def test_a_launch_file_starts_its_nodes_that_are_in_the_workspace(workspace, tmp
     bringup = workspace / "src" / "bringup" / "launch"
     shutil.copytree(folder / "launch", bringup)
     assert find_executable(f"{bringup}/near.launch.py").launched
+    with pytest.raises(ConfigError, match=r"bringup/launch/far.*, .*follow/launch/far"):
+        find_executable(f"{workspace}:far.launch.py")
+    shutil.rmtree(bringup)
 
     with pytest.raises(
         ConfigError, match=r"are not supported, got 'rviz:=false'; .* -p"
@@ -181,9 +184,11 @@ def test_a_launch_file_that_only_its_execution_tells_is_refused(
 
 
 def test_the_nodes_of_a_launch_file_end_with_the_first_that_fails():
-    commands = [["sleep", "1000"], ["sh", "-c", "exit 7"]]
+    loud = "trap 'echo ends; exit' TERM; echo begins; while true; do sleep 0.1; done"
+    commands = [["sh", "-c", loud], ["sh", "-c", "sleep 1; echo reason; exit 7"]]
     words = [sys.executable, start_nodes.__file__, json.dumps(commands)]
-    assert subprocess.run(words, check=False).returncode == 7
+    done = subprocess.run(words, check=False, capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (7, "begins\nreason\n")
 
 
 def test_an_entry_and_a_file_can_be_named(workspace):
@@ -212,7 +217,7 @@ COMPILED = "add_executable(planner_node src/planner.cpp)\n"
         (
             {"setup.py": SETUP},
             "",
-            "name one of its executables or launch files: .*/p:follower, .*/p:follow_viewer",
+            "name one of its executables or launch files, as DIR:NAME: follower, follow_viewer$",
         ),
         (
             {"setup.py": SETUP},
