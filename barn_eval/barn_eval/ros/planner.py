@@ -279,7 +279,8 @@ class PlannerClient:
         subscriptions = self._view.graph().subscriptions
         topics = {item.topic for item in subscriptions}
         idle = [topic for topic in sorted(topics) if not node.count_publishers(topic)]
-        return idle and f"no node publishes {', '.join(idle)}"
+        text = ", ".join(idle)
+        return text and f"no node publishes {text}"
 
     def _use_sim_time(self) -> str:
         """Return the planner's parameter use_sim_time as a text, empty if unknown."""

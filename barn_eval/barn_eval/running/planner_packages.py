@@ -240,7 +240,8 @@ def _choose(name: str, files: Sequence[Path], packages: Sequence[Path]) -> Execu
     problem = "name one of its executables or launch files"
     # Those that send commands come first.
     executables.sort(key=lambda item: "Twist" not in _read(item.sources()[0]))
-    names = [item.name for item in (*executables, *launch_files)]
+    names = [item.name for item in executables]
+    names += [file.name for file in launch_files]
     if named_files or (name and matching):
         names = [f"{item.folder}:{name}" for item in matching]
         names += map(str, named_files)
