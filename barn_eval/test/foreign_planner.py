@@ -60,7 +60,10 @@ class ForeignPlanner(Node):
         self.cycles = 0
         sensor = qos_profile_sensor_data  # as a free running simulator sends its scans
         qos = sensor if kind == "best_effort" else 10
-        self.commands = self.create_publisher(COMMANDS.get(kind, Twist), "cmd_vel", qos)
+        # A node of its own that only publishes need not be spun.
+        sender = rclpy.create_node("sender") if kind == "apart" else self
+        of = COMMANDS.get(kind, Twist)
+        self.commands = sender.create_publisher(of, "cmd_vel", qos)
         self.create_subscription(
             LaserScan, "scan", self.answer, sensor if kind == "dozes" else 10
         )
@@ -70,6 +73,8 @@ class ForeignPlanner(Node):
             (self.create_publisher(type(message_type), topic, 10), message_type)
             for topic, message_type in FORGED.get(kind, [])
         ]
+        if kind == "silent":
+            self.create_subscription(String, "missing_path", lambda _: None, 10)
         if kind == "one_shot":
             self.create_subscription(String, "outcome", self.retire, 10)
         if kind == "curious":

@@ -55,7 +55,10 @@ from barn_worlds.base.errors import BarnError, ConfigError, ExitCode
 from barn_worlds.base.files import read_json
 from barn_worlds.base.types import nanoseconds, seconds
 from barn_worlds.robots.files import load_robot
-from barn_worlds.ros.parameters import declare_parameters
+from barn_worlds.ros.parameters import (
+    declare_parameters,
+    warn_about_unknown_parameters,
+)
 from barn_worlds.ros.starting import start_ros
 
 # Outcomes after which a process cannot be trusted with the next trial.
@@ -106,6 +109,7 @@ def main(
     try:
         defaults = defaults or EvaluatorConfig()
         config = declare_parameters(node, defaults, read_only=True)
+        warn_about_unknown_parameters(node)
         if config.system:
             # The names of its topics are known only now.
             renamed = _create_node(Path(config.system))
@@ -238,7 +242,7 @@ def _summarize(results: Rows, metric: str) -> str:
     text = f"success {success_percent:.0f} %"
     # The efficiency has no value where its bound is not computed.
     if None not in values:
-        text += f", mean {metric} {mean(values):.3f}"
+        text += f", mean {metric} metric {mean(values):.3f}"
     return text
 
 

@@ -35,6 +35,9 @@ _MAX_NODES = 100
 _MAX_PARAMETERS = 4000
 # Ending of a node's name that differs from one start to the next.
 _RANDOM_ENDING = re.compile(r"_(?=[a-f]*\d)[0-9a-f]{4,}$")
+# What is stored of a node that tells no parameters, and of one that takes no seed either.
+_SILENT = "tells none"
+_MUTE = "answers nothing"
 _INPUTS = (
     topics.SCAN,
     topics.ODOM,
@@ -205,7 +208,7 @@ class PlannerClient:
             for key, value in parameters.items():
                 self.parameters[f"{stable_name} {key}"] = value
             if not parameters:
-                self.parameters[stable_name] = "tells none"
+                self.parameters[stable_name] = _SILENT
         self._loop.report("parameters", text=json.dumps(self.parameters))
 
     def _read_parameters(self, name: str, deadline_s: float) -> dict[str, str]:
@@ -270,6 +273,15 @@ class PlannerClient:
         """Return whether the planner has said that it uses simulated time."""
         return self._use_sim_time() == "True"
 
+    def idle_topics(self) -> str:
+        """Return a text on topics that it hears nothing on, as no node publishes; or ""."""
+        node = self._loop.node
+        subscriptions = self._view.graph().subscriptions
+        topics = {item.topic for item in subscriptions}
+        idle = [topic for topic in sorted(topics) if not node.count_publishers(topic)]
+        text = ", ".join(idle)
+        return text and f"no node publishes {text}"
+
     def _use_sim_time(self) -> str:
         """Return the planner's parameter use_sim_time as a text, empty if unknown."""
         return self.parameters.get(f"{self._node.name} use_sim_time", "")
@@ -315,13 +327,21 @@ class PlannerClient:
         """
         node = self._node
         limit_s = self._patience.service_s
-        if node.offers(SET_PARAMETERS):
+        name = _RANDOM_ENDING.sub("_*", node.name)
+        if node.offers(SET_PARAMETERS) and self.parameters.get(name) != _MUTE:
             seed = {"seed": spec.planner_seed}
-            refusal = self._refusal(lambda: node.set_parameters(seed, limit_s))
+            try:
+                refusal = self._refusal(lambda: node.set_parameters(seed, limit_s))
+            except PlannerNotReady as error:
+                # A node that only publishes may never be spun, and drives all the same.
+                if self.parameters.get(name) != _SILENT:
+                    raise
+                self.parameters[name] = _MUTE
+                refusal = error.detail
             if refusal:
                 # A planner need not take a seed.
                 self._loop.node.get_logger().info(
-                    f"the planner is not seeded: {refusal}", once=True
+                    f"the planner takes no seed: {refusal}", once=True
                 )
         if node.offers("reset"):
             refusal = self._refusal(lambda: node.trigger("reset", limit_s, limit_s))

@@ -73,7 +73,7 @@ class RemoteNode:
             return ", ".join(f"{self.name}/{name}" for name in missing)
 
         missing = self.loop.wait_for_missing(
-            "the service ", describe_missing, limit_s, self.process
+            "the services ", describe_missing, limit_s, self.process
         )
         if missing:
             raise ServiceTimeout(f"no service {missing} within {limit_s:g} s")
@@ -137,7 +137,7 @@ class RemoteNode:
         answer = self.call(SET_PARAMETERS, SetParametersAtomically, request, limit_s)
         if not answer.result.successful:
             reason = answer.result.reason or "parameters refused"
-            raise ServiceRefused(f"{self.name}: {reason}")
+            raise ServiceRefused(reason)
 
     def read_parameters(self, limit_s: float) -> dict[str, str]:
         """Return up to 1000 parameters by name as text, cut; or ServiceTimeout."""

@@ -255,6 +255,8 @@ class RosTrial:
         details = [verdict.detail]
         if verdict.outcome in _CLOCK_RELATED:
             details.append(self._context.planner.clock_problem())
+        if verdict.outcome in MUTUAL_WAITS:
+            details.append(self._context.planner.idle_topics())
         if self.action_result not in (None, "executing"):
             details.append(f"its action's result: {self.action_result}")
         return replace(verdict, detail="; ".join(filter(None, details)))

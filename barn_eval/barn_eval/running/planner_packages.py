@@ -27,8 +27,8 @@ _BUILDS = (_SETUP, _CMAKE)
 _LARGEST_BYTES = 1 << 20
 # Depth to which packages are sought below the user's folder: mostly src/PACKAGE.
 _DEPTH = 4
-# What a build leaves, with copies of the same packages.
-_BUILD_FOLDERS = frozenset(["build", "install", "log"])
+# Hidden folders, and what a build leaves, with copies of the same packages.
+_SKIPPED = re.compile(r"\..*|build|install|log")
 _SCRIPT = re.compile(r"\s*([\w.-]+)\s*=\s*([\w.]+:\w+)\s*")
 _PROGRAMS = re.compile(r"install\s*\(\s*PROGRAMS\s([^)]*?)\sDESTINATION", re.DOTALL)
 _NAME = re.compile(r"<name>\s*([\w-]+)\s*</name>")
@@ -173,8 +173,12 @@ def find_executable(text: str) -> Executable:
     with convert_os_errors(ConfigError, subject):
         is_file = path.is_file()
     if is_file and path.suffix == ".py":
-        if LAUNCHES not in _read(path):
-            return Executable(path.stem, path.parent, f"{path.stem}:{name or 'main'}")
+        text = _read(path)
+        if LAUNCHES not in text:
+            # Scripts start by themselves; other files have a function to call.
+            is_script = not name and ("__name__" in text or "def main(" not in text)
+            entry = path.name if is_script else f"{path.stem}:{name or 'main'}"
+            return Executable(path.stem, path.parent, entry)
         # It lies in the folder launch of its package, and may start nodes of others.
         launch_file = Executable(path.name, path.absolute().parents[1], str(path))
         return _read_launched(path, launch_file.packages)
@@ -216,9 +220,9 @@ def _choose(name: str, files: Sequence[Path], packages: Sequence[Path]) -> Execu
     launch_files = [
         file for file in files if file.suffix == ".py" and LAUNCHES in _read(file)
     ]
-    for file in launch_files:
-        if name and file.match(name):
-            return _read_launched(file, packages)
+    named_files = [file for file in launch_files if name and file.match(name)]
+    if len(named_files) == 1:
+        return _read_launched(named_files[0], packages)
     compiled = _explain_compiled(packages)
     # Built with ROS 1's catkin.
     catkin = "<buildtool_depend>catkin<"
@@ -234,13 +238,18 @@ def _choose(name: str, files: Sequence[Path], packages: Sequence[Path]) -> Execu
         return matching[0]
 
     problem = "name one of its executables or launch files"
-    if not matching:
-        names = [item.name for item in executables]
+    # Those that send commands come first.
+    executables.sort(key=lambda item: "Twist" not in _read(item.sources()[0]))
+    names = [item.name for item in executables]
+    names += [file.name for file in launch_files]
+    if named_files or (name and matching):
+        names = [f"{item.folder}:{name}" for item in matching]
+        names += map(str, named_files)
+    elif name:
         problem = f"no executable {name!r}{suggest(name, names)}; {problem}"
-    choices = [f"{item.folder}:{item.name}" for item in matching or executables]
-    choices += map(str, launch_files)
+    choices = ", ".join(dict.fromkeys(names))
     raise ConfigError(
-        "; ".join(filter(None, [f"{problem}: {', '.join(choices)}", compiled]))
+        "; ".join(filter(None, [f"{problem}, as DIR:NAME: {choices}", compiled]))
     )
 
 
@@ -311,7 +320,7 @@ def _walk(folder: Path, depth: int) -> Iterator[Path]:
     for path in sorted(folder.iterdir()):
         if path.is_file():
             yield path
-        elif depth and path.name[0] != "." and path.name not in _BUILD_FOLDERS:
+        elif depth and path.is_dir() and not _SKIPPED.fullmatch(path.name):
             yield from _walk(path, depth - 1)
 
 

@@ -50,7 +50,10 @@ class PlannerSource:
                 module = find_module(name, folders)
                 if module is not None:
                     queue.append(module)
-                elif not any((folder / name).exists() for folder in folders):
+                # A relative import may also name what its package defines.
+                elif folders == self.folders and not any(
+                    (folder / name).exists() for folder in folders
+                ):
                     modules.add(name)
         return texts, {name for name in modules if "." not in name}
 
@@ -113,9 +116,13 @@ def read_source(command: str) -> PlannerSource:
 
 def supplier(module: str) -> str:
     """Return a line on what supplies a module, or that it is not known here."""
+    package = module.partition(".")[0]
     for pattern, text in _SUPPLIERS.items():
-        if re.fullmatch(pattern, module):
-            return str(text).format(name=module.replace("_", "-"))
+        if re.fullmatch(pattern, package):
+            return str(text).format(name=package.replace("_", "-"))
+    # Python names the first part of a dotted name that it cannot find.
+    if package != module:
+        return f"the package {package} does not contain it"
     # Packages of that name on PyPI may be something else.
     return "not known here; see the planner's own page"
 
@@ -127,9 +134,9 @@ def explain_end(command: str, printed: str) -> str:
         command: The planner command.
         printed: The end of what it printed.
     """
-    match = re.search(r"No module named '((\w+)[\w.]*)", printed)
+    match = re.search(r"No module named '([\w.]+)", printed)
     if match:
-        return f"the module {match[1]} is missing: {supplier(match[2])}"
+        return f"the module {match[1]} is missing: {supplier(match[1])}"
     if "EOFError" in printed:
         return (
             "it asks for input: --planner-input '{goal_x} {goal_y}', or"

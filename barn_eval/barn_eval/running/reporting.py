@@ -300,12 +300,13 @@ class RunProgress:
         # A first trial may end in the instant in which the session begins.
         elapsed_s = max(time.monotonic() - self._start_s, 0.001)
         session_count = self.count - self._earlier_count
-        parts = ["starting; new kernels are compiled first"]
+        duration = format_duration(elapsed_s)
+        parts = [f"running for {duration}; new kernels are compiled first"]
         # Without a trial there is no rate to go by.
         if session_count:
             rate = session_count / elapsed_s
             remaining = self.total - self.count
-            time_text = f"in {format_duration(elapsed_s)}"
+            time_text = f"in {duration}"
             if remaining:
                 time_text = f"{format_duration(remaining / rate)} left"
             parts = [

@@ -144,8 +144,8 @@ class SourceFile:
             ConfigError: If only executing the file would tell.
         """
         match value:
-            case ast.Constant(constant):
-                return constant
+            case ast.Constant() | ast.UnaryOp(ast.USub(), ast.Constant()):
+                return ast.literal_eval(value)
             case ast.Name(name) if name in self.values:
                 return self._read(self.values[name])
             case ast.List(items) | ast.Tuple(items):

@@ -28,8 +28,9 @@ def main(commands: list[list[str]], arguments: list[str]) -> int:
         code = abs(os.waitstatus_to_exitcode(status))
         if code:
             break
+    # What is printed ends with the reason, not with the ends of the others.
     for node in nodes:
-        node.terminate()
+        node.kill()
     return code
 
 

@@ -73,11 +73,7 @@ class PoseRule(Checked):
     def __post_init__(self) -> None:
         """Raise ConfigError for a value out of range, or x_min_m above x_max_m."""
         super().__post_init__()
-        self.require(
-            self.x_min_m <= self.x_max_m,
-            "x_min_m",
-            f"must be at most x_max_m = {self.x_max_m:g}",
-        )
+        self.require_order("x_min_m", "at most", "x_max_m")
 
     def scaled_to(self, scale: float, first_column_m: float) -> "PoseRule":
         """Return the rule scaled; y from the map keeps its gap to the first column.

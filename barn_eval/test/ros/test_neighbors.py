@@ -170,7 +170,7 @@ def test_an_interrupted_evaluator_ends_without_traceback(tmp_path):
             command, env=environment, stderr=subprocess.PIPE, text=True
         ) as evaluator:
             output = next(
-                line for line in evaluator.stderr if "waiting for the service" in line
+                line for line in evaluator.stderr if "waiting for the services" in line
             )
             while evaluator.poll() is None:
                 evaluator.send_signal(signal.SIGINT)

@@ -223,6 +223,7 @@ def test_every_planner_fault_is_an_outcome(tmp_path):
         "dies": Outcome.PLANNER_DIED,
         "exits": Outcome.PLANNER_DIED,
         "hangs": Outcome.PLANNER_STALLED,
+        "apart": Outcome.TIMEOUT,
         "one_shot": Outcome.TIMEOUT,  # drives, and ends when there is nothing more to do, as the one after it
     }
     options = {"setup": ros.QUICK, "repetitions": len(kinds) + 1}
@@ -235,6 +236,7 @@ def test_every_planner_fault_is_an_outcome(tmp_path):
     assert by_kind["dies"].detail == "the planner was killed by SIGKILL"
     assert by_kind["exits"].detail == "the planner exited with code 3"
     assert by_kind["silent"].wall_clock.missed_cycles >= 1
+    assert "; no node publishes /missing_path" in by_kind["silent"].detail
     assert "no command for 5 s" in by_kind["hangs"].detail
     for kind in ("nan", "dies", "exits", "hangs"):
         # 30 good cycles went before, and are in the trajectory
@@ -383,12 +385,23 @@ def test_nothing_listens_beyond_loopback_or_is_left_running(
     assert not (tmp_path / "run" / "results.jsonl").exists()
 
 
-def test_malformed_arguments_end_the_evaluator_without_a_traceback():
-    words = "barn_eval.ros.evaluator:main --ros-args -p worlds"
+@pytest.mark.parametrize(
+    "words, problem",
+    [
+        ("--ros-args -p worlds", "ROS arguments: "),
+        ("worlds:=3", "argument 'worlds:=3': a node has no options"),
+        (
+            "--ros-args -p wolds:=3 -p protocol:=x",
+            "unknown parameter 'wolds'; did you mean 'worlds'?",
+        ),
+    ],
+)
+def test_wrong_arguments_end_the_evaluator_in_a_line(words, problem):
+    words = f"barn_eval.ros.evaluator:main {words}"
     command = [sys.executable, start.__file__, *words.split()]
     done = subprocess.run(command, check=False, capture_output=True, text=True)
     assert done.returncode == ExitCode.REFUSED
-    assert "\nevaluator: ROS arguments: " in f"\n{done.stderr}"
+    assert f"evaluator: {problem}" in done.stderr.replace("[evaluator]:", "evaluator:")
     assert "Traceback" not in done.stderr
 
 
@@ -423,7 +436,7 @@ def test_the_nodes_started_by_hand(tmp_path, monkeypatch):
     for node in nodes[:2]:
         assert COMPILING_NOTE in node.log.read_text()
     assert "[1/1] mine_w0003_r00: success in " in log
-    assert re.search(r"success 100 %, mean challenge 0\.\d+\n", log)
+    assert re.search(r"success 100 %, mean challenge metric 0\.\d+\n", log)
     assert f"results in {tmp_path}/run; for a report: barn report" in log
     (result,) = read_results(tmp_path / "run")
     assert (result.trial_id, result.outcome) == ("mine_w0003_r00", Outcome.SUCCESS)

@@ -108,7 +108,7 @@ def generate_launch_description():
         package="follow",
         executable="follower",
         name="leader",
-        parameters=[os.path.join(share, "a.yaml"), {"use_sim_time": clock, "f": "1"}],
+        parameters=[os.path.join(share, "a.yaml"), {"use_sim_time": clock, "x": -5.0}],
         remappings=[("scan", LaunchConfiguration("scan"))],
         arguments=["--fast"],
     )
@@ -130,7 +130,7 @@ def generate_launch_description():
 """
 ARGUMENTS = (
     "--fast --ros-args -r __node:=leader -r scan:=/front/scan --params-file {}/a.yaml"
-    ' -p use_sim_time:=true -p f:="1" --'
+    " -p use_sim_time:=true -p x:=-5.0 --"
 )
 
 
@@ -148,6 +148,9 @@ def test_a_launch_file_starts_its_nodes_that_are_in_the_workspace(workspace, tmp
     bringup = workspace / "src" / "bringup" / "launch"
     shutil.copytree(folder / "launch", bringup)
     assert find_executable(f"{bringup}/near.launch.py").launched
+    with pytest.raises(ConfigError, match=r"bringup/launch/far.*, .*follow/launch/far"):
+        find_executable(f"{workspace}:far.launch.py")
+    shutil.rmtree(bringup)
 
     with pytest.raises(
         ConfigError, match=r"are not supported, got 'rviz:=false'; .* -p"
@@ -181,9 +184,11 @@ def test_a_launch_file_that_only_its_execution_tells_is_refused(
 
 
 def test_the_nodes_of_a_launch_file_end_with_the_first_that_fails():
-    commands = [["sleep", "1000"], ["sh", "-c", "exit 7"]]
+    loud = "trap 'echo ends; exit' TERM; echo begins; while true; do sleep 0.1; done"
+    commands = [["sh", "-c", loud], ["sh", "-c", "sleep 1; echo reason; exit 7"]]
     words = [sys.executable, start_nodes.__file__, json.dumps(commands)]
-    assert subprocess.run(words, check=False).returncode == 7
+    done = subprocess.run(words, check=False, capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (7, "begins\nreason\n")
 
 
 def test_an_entry_and_a_file_can_be_named(workspace):
@@ -194,6 +199,12 @@ def test_an_entry_and_a_file_can_be_named(workspace):
     file = workspace / "src/follow/follow/node.py"
     executable = find_executable(str(file))
     assert (executable.entry, executable.sources()) == ("node:main", [file])
+    file.write_text(file.read_text() + 'if __name__ == "__main__":\n    main()\n')
+    executable = find_executable(str(file))
+    assert (executable.entry, executable.sources()) == ("node.py", [file])
+    # What ROS 1 leaves at the top of a workspace.
+    (workspace / "src" / "CMakeLists.txt").symlink_to("/nowhere")
+    assert find_executable(f"{workspace}:follower").folder == file.parents[1]
 
 
 COMPUTED = "console_scripts = []\nd = {'console_scripts': [f'{name()} = a:b']}\n"
@@ -206,7 +217,7 @@ COMPILED = "add_executable(planner_node src/planner.cpp)\n"
         (
             {"setup.py": SETUP},
             "",
-            "name one of its executables or launch files: .*/p:follower, .*/p:follow_viewer",
+            "name one of its executables or launch files, as DIR:NAME: follower, follow_viewer$",
         ),
         (
             {"setup.py": SETUP},
@@ -255,7 +266,8 @@ def test_what_cannot_be_started_is_refused_with_what_to_type(
 def test_modules_are_looked_for_through_a_packages_own_files(workspace):
     node = workspace / "src/follow/follow/node.py"
     node.write_text(
-        "import nowhere_a.part\nfrom . import near\nfrom helper import words\n"
+        "import nowhere_a.part\nfrom . import near, SPEED\nfrom helper import words\n"
+        "from . import *\nimport own_interfaces.srv\n"
         "try:\n    import nowhere_b\nexcept ImportError:\n    pass\n"
         "self.declare_parameter('goal_x', 1.0)\n"
     )
@@ -264,7 +276,8 @@ def test_modules_are_looked_for_through_a_packages_own_files(workspace):
     )
     source = read_source(f"package:{workspace}:follower")
     missing = source.missing_modules({})
-    assert list(missing) == ["nowhere_a", "tf2"]
+    assert list(missing) == ["nowhere_a", "own_interfaces", "tf2"]
+    assert missing["own_interfaces"].startswith("build its types with colcon")
     assert "PyPI is another package" in missing["tf2"]
     assert source.goal_arguments() == " --ros-args -p goal_x:={goal_x}"
 
@@ -277,5 +290,7 @@ def test_an_end_without_a_word_is_explained(tmp_path):
     assert "input" in explain_end(command, "EOFError: EOF when reading a line")
     missing = "ModuleNotFoundError: No module named 'cv2.aruco'"
     assert explain_end(command, missing).endswith("opencv-python-headless")
+    missing = "ModuleNotFoundError: No module named 'follow.old'"
+    assert explain_end(command, missing).endswith("follow does not contain it")
     script.write_text(script.read_text() + "\nmain()\n")
     assert explain_end(command, "") == ""

@@ -18,5 +18,4 @@ class SpeedConfig(Checked):
     def __post_init__(self) -> None:
         """Raise ConfigError if `min_speed_mps` exceeds `max_speed_mps`."""
         super().__post_init__()
-        slower = f"must be at most max_speed_mps = {self.max_speed_mps:g}"
-        self.require(self.min_speed_mps <= self.max_speed_mps, "min_speed_mps", slower)
+        self.require_order("min_speed_mps", "at most", "max_speed_mps")

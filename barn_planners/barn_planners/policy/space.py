@@ -67,8 +67,7 @@ class PolicyObservation(Checked):
     def __post_init__(self) -> None:
         """Raise ConfigError unless `angle_max_rad` is above `angle_min_rad`."""
         super().__post_init__()
-        rule = f"must be above angle_min_rad = {self.angle_min_rad:g}"
-        self.require(self.angle_max_rad > self.angle_min_rad, "angle_max_rad", rule)
+        self.require_order("angle_max_rad", "above", "angle_min_rad")
 
     @property
     def frame_size(self) -> int:
@@ -106,8 +105,7 @@ class PolicyAction(Checked):
     def __post_init__(self) -> None:
         """Raise ConfigError unless `max_speed_mps` is above `min_speed_mps`."""
         super().__post_init__()
-        rule = f"must be above min_speed_mps = {self.min_speed_mps:g}"
-        self.require(self.max_speed_mps > self.min_speed_mps, "max_speed_mps", rule)
+        self.require_order("max_speed_mps", "above", "min_speed_mps")
 
     @property
     def cap_mps(self) -> float:

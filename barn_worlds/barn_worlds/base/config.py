@@ -13,13 +13,13 @@ parameters of the nodes and the tables of the documentation all use the declarat
 """
 
 import dataclasses
+import operator
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, field
 from enum import Enum
 from functools import cache, partial
 from numbers import Integral
-from operator import attrgetter
 from typing import Any, TypeVar, cast, get_args, get_origin
 
 import cattrs
@@ -43,6 +43,12 @@ _TYPE_NAMES: dict[type[Any], str] = {
     int: "a whole number",
     bool: "true or false",
     str: "text",
+}
+_RELATIONS = {
+    "below": operator.lt,
+    "at most": operator.le,
+    "at least": operator.ge,
+    "above": operator.gt,
 }
 # A larger integer raises OverflowError where it becomes a float.
 _LARGEST_FLOAT = 10**308
@@ -165,8 +171,23 @@ class Checked:
         """
         if not holds:
             raise ConfigError(
-                f"{name} {rule}, got {format_value(attrgetter(name)(self))}"
+                f"{name} {rule}, got {format_value(operator.attrgetter(name)(self))}"
             )
+
+    def require_order(self, name: str, relation: str, other: str) -> None:
+        """Raise ConfigError unless a field is related so to another field.
+
+        Args:
+            name: Field that the message names.
+            relation: "below", "at most", "at least" or "above".
+            other: Field that it is compared with.
+
+        Raises:
+            ConfigError: If the relation does not hold.
+        """
+        limit = getattr(self, other)
+        holds = _RELATIONS[relation](getattr(self, name), limit)
+        self.require(holds, name, f"must be {relation} {other} = {limit:g}")
 
 
 def fields_of(config: Any) -> Iterator[tuple[str, Quantity, Any]]:

@@ -63,11 +63,7 @@ class WorldParameters(Checked):
         """Raise ConfigError for an even footprint or unordered thresholds."""
         super().__post_init__()
         self.require(self.footprint_cells % 2 == 1, "footprint_cells", "must be odd")
-        self.require(
-            self.clear_threshold < self.fill_threshold,
-            "clear_threshold",
-            f"must be below fill_threshold ({self.fill_threshold})",
-        )
+        self.require_order("clear_threshold", "below", "fill_threshold")
 
 
 TABLE_I: tuple[WorldParameters, ...] = tuple(

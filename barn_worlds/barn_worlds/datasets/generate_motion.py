@@ -98,13 +98,8 @@ class MotionParameters(Checked):
             "spread_min_mps",
         ):
             high = low.replace("_min", "_max")
-            is_ordered = getattr(self, low) <= getattr(self, high)
-            self.require(is_ordered, low, f"must be at most {high}")
-        self.require(
-            self.obstacles_max <= self.profiles,
-            "obstacles_max",
-            f"must be at most profiles = {self.profiles}",
-        )
+            self.require_order(low, "at most", high)
+        self.require_order("obstacles_max", "at most", "profiles")
 
 
 MOTION_CLASSES = read_presets("barn_worlds", "motion_classes.yaml", MotionParameters())

@@ -149,11 +149,7 @@ class MapFile(Checked):
     def __post_init__(self) -> None:
         """Raise ConfigError for an invalid threshold, origin, course or image name."""
         super().__post_init__()
-        self.require(
-            self.free_thresh <= self.occupied_thresh,
-            "free_thresh",
-            f"must be at most occupied_thresh ({self.occupied_thresh:g})",
-        )
+        self.require_order("free_thresh", "at most", "occupied_thresh")
         self.require(self.origin[2] == 0.0, "origin", "must have a yaw of 0")
         self.require(
             bool(self.start) == bool(self.goal),

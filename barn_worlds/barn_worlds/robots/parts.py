@@ -118,21 +118,9 @@ class LidarConfig(Checked):
     def __post_init__(self) -> None:
         """Raise ConfigError unless angle, range and mask end above their beginnings."""
         super().__post_init__()
-        self.require(
-            self.angle_max_rad > self.angle_min_rad,
-            "angle_max_rad",
-            f"must be above angle_min_rad = {self.angle_min_rad:g}",
-        )
-        self.require(
-            self.range_max_m > self.range_min_m,
-            "range_max_m",
-            f"must be above range_min_m = {self.range_min_m:g}",
-        )
-        self.require(
-            self.masked_to_rad >= self.masked_from_rad,
-            "masked_to_rad",
-            f"must be at least masked_from_rad = {self.masked_from_rad:g}",
-        )
+        self.require_order("angle_max_rad", "above", "angle_min_rad")
+        self.require_order("range_max_m", "above", "range_min_m")
+        self.require_order("masked_to_rad", "at least", "masked_from_rad")
 
 
 @dataclass(frozen=True)

@@ -231,11 +231,7 @@ class Chassis(Checked):
             "inertia_kg_m2",
             "must be moments of a body: none larger than the other two together",
         )
-        self.require(
-            self.body_height_m > self.ground_clearance_m,
-            "body_height_m",
-            f"must be above ground_clearance_m = {self.ground_clearance_m:g}",
-        )
+        self.require_order("body_height_m", "above", "ground_clearance_m")
 
         contacts = [(x, y) for x, y, _ in self.wheels_m]
         contacts += self.casters_m

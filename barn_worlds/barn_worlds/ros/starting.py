@@ -1,5 +1,7 @@
 """The start of ROS in the process of a node."""
 
+import sys
+
 import rclpy
 from rclpy.signals import SignalHandlerOptions
 
@@ -16,8 +18,15 @@ def start_ros(
         signals: Signals that rclpy handles; by default SIGINT and SIGTERM.
 
     Raises:
-        ConfigError: If a ROS argument is malformed.
+        ConfigError: If a ROS argument is malformed, or if another argument comes first.
     """
+    words = sys.argv[1:] if arguments is None else arguments
+    if words and words[0] != "--ros-args":
+        # ROS would ignore it.
+        raise ConfigError(
+            f"argument {words[0]!r}: a node has no options; set its parameters by"
+            " --ros-args -p NAME:=VALUE"
+        )
     try:
         rclpy.init(args=arguments, signal_handler_options=signals)
     except RuntimeError as error:

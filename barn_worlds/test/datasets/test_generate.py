@@ -97,7 +97,7 @@ def test_a_world_nobody_can_pass_ends_with_an_error():
         ({"footprint_cells": 4}, "footprint_cells must be odd, got 4"),
         (
             {"clear_threshold": 5},
-            r"clear_threshold must be below fill_threshold \(5\), got 5",
+            "clear_threshold must be below fill_threshold = 5, got 5",
         ),
     ],
 )

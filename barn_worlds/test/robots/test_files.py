@@ -110,62 +110,51 @@ def test_an_unknown_robot_is_answered_with_the_near_one(name, message):
         load_robot(name)
 
 
-WRONG = {
-    "clockwise": (
-        {"chassis.footprint_m": [[1, -1], [-1, -1], [-1, 1], [1, 1]]},
-        "footprint_m must run counter-clockwise",
-    ),
-    "two corners": ({"chassis.footprint_m": [[1, 1], [-1, 1]]}, "footprint_m must have 3 to 64 corners"),
-    "not around base_link": (
-        {"chassis.footprint_m": [[3, 1], [2, 1], [2, 0.5]]},
-        "must have base_link, the origin, inside",
-    ),
-    "no number": ({"chassis.footprint_m": [[math.nan, 1], [-1, 1], [-1, -1]]}, "footprint_m must be within 20 m"),
-    "not a list": ({"chassis.footprint_m": 3}, "chassis.footprint_m"),
-    "round and not": ({"chassis.footprint_radius_m": 0.3}, "one of footprint_m and footprint_radius_m must be given"),
-    "neither": ({"chassis.footprint_m": None}, "one of footprint_m and footprint_radius_m must be given"),
-    "negative mass": ({"chassis.mass_kg": -5.0}, "chassis.mass_kg must be from 0.01 to 10000 kg, got -5.0"),
-    "inertia of no body": ({"chassis.inertia_kg_m2": [1.0, 1.0, 2.1]}, "none larger than the other two together"),
-    "two moments": ({"chassis.inertia_kg_m2": [1.0, 1.0]}, "chassis.inertia_kg_m2"),
-    "falls over": ({"chassis.centre_of_mass_m": [0.3, 0.0, 0.1]}, "or the robot falls over"),
-    "mass in the ground": ({"chassis.centre_of_mass_m": [0.0, 0.0, -0.2]}, "centre_of_mass_m must be above the ground"),
-    "wheels in the air": (
-        {"chassis.wheel_radius_m": 0.1},
-        r"wheel_z_m must let the wheels touch the ground, \+0.065 m away",
-    ),
-    "wheels outside": ({"chassis.wheel_width_m": 0.12}, "footprint_m must enclose the wheels"),
-    "upside down": ({"chassis.body_height_m": 0.1}, "body_height_m must be above ground_clearance_m = 0.13"),
-    "one axle": ({"chassis.wheelbase_m": 0.0}, "above 0 for skid_steer; kind is skid_steer, got 0.0"),
-    "casters": ({"chassis.casters_m": [[0.1, 0.1]]}, "casters_m must say where .*; skid_steer has none"),
-    "lidar in the ground": (
-        {"lidar.mount_z_m": -0.2},
-        r"lidar.mount_z_m must be above the ground, -0.13228 m in base_link, got -0.2",
-    ),
-    "unknown key": ({"chassis.mass": 5.0}, "unknown key 'chassis.mass'; did you mean 'chassis.mass_kg'"),
-    "unknown key of the drive": ({"drive.max_sped_m_s": 1.0}, "did you mean 'drive.max_speed_m_s'"),
-    "unknown section": ({"engine": {}}, "unknown key 'engine'"),
-    "unknown kind": ({"chassis.kind": "ackermann"}, "chassis.kind must be one of skid_steer, differential, got"),
-    "no mass": ({"chassis.mass_kg": None}, "missing key 'chassis.mass_kg'"),
-    "no speed": ({"drive.max_speed_m_s": None}, "missing key 'drive.max_speed_m_s'"),
-    "no lidar": ({"lidar": None}, "missing key 'lidar'"),
-    "no multiplier": ({"drive.wheel_separation_multiplier": None}, "missing key 'drive.wheel_separation_multiplier'"),
-    "no name": ({"name": None}, "name must be the name of the robot"),
-    "two lidars": ({"lidar": [{}, {}]}, "lidar must be a mapping"),
-    "no chassis": ({"chassis": 3}, "chassis must be a mapping"),
-    "version": ({"schema_version": 2}, "schema_version must be 1, got 2"),
-    "URDF elsewhere": ({"urdf": "../jackal.urdf"}, "urdf must name a file beside it"),
-    "no caster": ({"chassis.casters_m": None}, "casters_m must say where the casters", BURGER),
-    "two axles": ({"chassis.wheelbase_m": 0.2}, "wheelbase_m must be 0 for a differential drive", BURGER),
-    "falls forward": ({"chassis.centre_of_mass_m": [0.01, 0.0, 0.07]}, "or the robot falls over", BURGER),
-    "on the edge": ({"chassis.centre_of_mass_m": [0.0, 0.0, 0.07]}, "by 1 mm at least", BURGER),
-    "no URDF": ({"urdf": "none.urdf"}, r"none\.urdf: No such file"),
-}  # fmt: skip
+WRONG = yaml.safe_load(r"""
+clockwise: [{chassis.footprint_m: [[1, -1], [-1, -1], [-1, 1], [1, 1]]}, footprint_m must run counter-clockwise]
+two corners: [{chassis.footprint_m: [[1, 1], [-1, 1]]}, footprint_m must have 3 to 64 corners]
+not around base_link: [{chassis.footprint_m: [[3, 1], [2, 1], [2, 0.5]]}, 'must have base_link, the origin, inside']
+no number: [{chassis.footprint_m: [[.nan, 1], [-1, 1], [-1, -1]]}, footprint_m must be within 20 m]
+not a list: [{chassis.footprint_m: 3}, chassis.footprint_m]
+round and not: [{chassis.footprint_radius_m: 0.3}, one of footprint_m and footprint_radius_m must be given]
+neither: [{chassis.footprint_m: null}, one of footprint_m and footprint_radius_m must be given]
+negative mass: [{chassis.mass_kg: -5.0}, 'chassis.mass_kg must be from 0.01 to 10000 kg, got -5.0']
+inertia of no body: [{chassis.inertia_kg_m2: [1.0, 1.0, 2.1]}, none larger than the other two together]
+two moments: [{chassis.inertia_kg_m2: [1.0, 1.0]}, chassis.inertia_kg_m2]
+falls over: [{chassis.centre_of_mass_m: [0.3, 0.0, 0.1]}, or the robot falls over]
+mass in the ground: [{chassis.centre_of_mass_m: [0.0, 0.0, -0.2]}, centre_of_mass_m must be above the ground]
+wheels in the air: [{chassis.wheel_radius_m: 0.1}, 'wheel_z_m must let the wheels touch the ground, \+0.065 m away']
+wheels outside: [{chassis.wheel_width_m: 0.12}, footprint_m must enclose the wheels]
+upside down: [{chassis.body_height_m: 0.1}, body_height_m must be above ground_clearance_m = 0.13]
+one axle: [{chassis.wheelbase_m: 0.0}, 'above 0 for skid_steer; kind is skid_steer, got 0.0']
+casters: [{chassis.casters_m: [[0.1, 0.1]]}, casters_m must say where .*; skid_steer has none]
+lidar in the ground:
+  [{lidar.mount_z_m: -0.2}, 'lidar.mount_z_m must be above the ground, -0.13228 m in base_link, got -0.2']
+unknown key: [{chassis.mass: 5.0}, unknown key 'chassis.mass'; did you mean 'chassis.mass_kg']
+unknown key of the drive: [{drive.max_sped_m_s: 1.0}, did you mean 'drive.max_speed_m_s']
+unknown section: [{engine: {}}, unknown key 'engine']
+unknown kind: [{chassis.kind: ackermann}, 'chassis.kind must be one of skid_steer, differential, got']
+no mass: [{chassis.mass_kg: null}, missing key 'chassis.mass_kg']
+no speed: [{drive.max_speed_m_s: null}, missing key 'drive.max_speed_m_s']
+no lidar: [{lidar: null}, missing key 'lidar']
+no multiplier: [{drive.wheel_separation_multiplier: null}, missing key 'drive.wheel_separation_multiplier']
+no name: [{name: null}, name must be the name of the robot]
+two lidars: [{lidar: [{}, {}]}, lidar must be a mapping]
+no chassis: [{chassis: 3}, chassis must be a mapping]
+version: [{schema_version: 2}, 'schema_version must be 1, got 2']
+URDF elsewhere: [{urdf: ../jackal.urdf}, urdf must name a file beside it]
+no caster: [{chassis.casters_m: null}, casters_m must say where the casters, turtlebot3_burger]
+two axles: [{chassis.wheelbase_m: 0.2}, wheelbase_m must be 0 for a differential drive, turtlebot3_burger]
+falls forward: [{chassis.centre_of_mass_m: [0.01, 0.0, 0.07]}, or the robot falls over, turtlebot3_burger]
+on the edge: [{chassis.centre_of_mass_m: [0.0, 0.0, 0.07]}, by 1 mm at least, turtlebot3_burger]
+no URDF: [{urdf: none.urdf}, 'none\.urdf: No such file']
+""")
 
 
 @pytest.mark.parametrize("what", WRONG)
 def test_a_wrong_file_is_answered_in_one_line(changed, what, refused):
-    changes, message, *source = WRONG[what]
-    path = changed(changes, *source)
+    changes, message, *names = WRONG[what]
+    path = changed(changes, *[find_robot_files()[name] for name in names])
     with refused(ConfigError, f"^{path.parent}.*{message}"):
         load_robot(path)
 
