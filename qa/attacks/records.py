@@ -1,16 +1,20 @@
 """Attacks on rivals, on records of trials and on their choice; see `attacks.py`."""
 
+import gc
+import resource
 import secrets
 import shutil
 import subprocess
 import sys
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import numpy as np
 from forgery import edit_run
-from inside import Loser, attack, describe_check, drive
+from inside import Loser, attack, describe_check, drive, drive_twice, rename_lines
 from planners import Straight, run_inline
 from report_work import rewrite_rows
 
@@ -19,6 +23,7 @@ from barn_eval.results.run_file import RunFile
 from barn_eval.trials.protocol import PROTOCOLS
 from barn_eval.trials.seeds import planner_seed
 from barn_planners.interface import Decision, Task
+from barn_sim.simulator import Simulator
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.types import STOP
 from barn_worlds.datasets.dataset import open_dataset
@@ -165,17 +170,119 @@ def _(out: Path) -> str:
     return ""
 
 
-@attack("submission/shadow", "Modules beside results shadow those of the suite.")
-def _(out: Path) -> str:
-    drive(out / "run", "gap", "0,30")
-    for name in ("barn_eval", "barn_sim", "numpy", "json"):
-        (out / f"{name}.py").write_text("raise SystemExit('shadowed')")
-    barn_command = Path(sys.executable).with_name("barn")
+def run_beside_shadows(folder: Path, *words: str) -> str:
+    """Run barn where modules have names of those that it imports; return its output."""
+    for name in ("barn_eval", "barn_sim", "numpy", "json", "sitecustomize"):
+        (folder / f"{name}.py").write_text("raise SystemExit('shadowed')")
     ended = subprocess.run(
-        [barn_command, "check", "run"],
-        cwd=out,
+        [Path(sys.executable).with_name("barn"), *words],
+        cwd=folder,
         capture_output=True,
         text=True,
         check=False,
     )
     return "" if "shadowed" in ended.stdout + ended.stderr else ended.stdout
+
+
+@attack("submission/shadow", "Modules beside results shadow those of the suite.")
+def _(out: Path) -> str:
+    drive(out / "run", "gap", "0,30")
+    return run_beside_shadows(out, "check", "run")
+
+
+@attack("planner/shadow", "Modules beside a planner shadow those of workers.")
+def _(out: Path) -> str:
+    words = ("--planner", "gap", "--worlds", "0,30", "--workers", "2")
+    return run_beside_shadows(out, "run", *words, "--out", "run", "--json")
+
+
+def starve(out: Path, limit: int) -> str:
+    """Let a planner set a limit of its process, with which a run cannot go on."""
+
+    class Starving(Loser):
+        attempts = 0
+
+        def escape(self, decision: Decision) -> Decision:
+            Starving.attempts += 1
+            if Starving.attempts == 1:
+                resource.setrlimit(limit, (0, most))
+            return decision
+
+    usual, most = resource.getrlimit(limit)
+    try:
+        with suppress(barn.BarnError):
+            drive(out, Starving)
+    finally:
+        resource.setrlimit(limit, (usual, most))
+    return drive_twice(out, Starving)
+
+
+@attack("again/disk", "A planner that loses lets nothing be written, and drives again.")
+def _(out: Path) -> str:
+    return starve(out, resource.RLIMIT_FSIZE)
+
+
+@attack("again/files", "It lets no file be opened, and drives again.")
+def _(out: Path) -> str:
+    return starve(out, resource.RLIMIT_NOFILE)
+
+
+class Haunting(Loser):
+    """Starts a thread that moves the robot, in whose simulator's process it is."""
+
+    def start(self, task: Task, seed: int) -> None:
+        """Begin a trial."""
+        super().start(task, seed)
+        self.thread = Thread(target=self.haunt, daemon=True)
+        self.thread.start()
+
+    def haunt(self) -> None:
+        """Let no simulator report contacts."""
+        for thing in gc.get_objects():
+            if isinstance(thing, Simulator):
+                thing.read_collision = lambda: False  # type: ignore[method-assign]
+
+    def escape(self, decision: Decision) -> Decision:
+        """Wait for the thread."""
+        self.thread.join()
+        return decision
+
+
+@attack("process/thread", "A thread that a planner has started changes the simulator.")
+def _(out: Path) -> str:
+    drive(out, Haunting)
+    return describe_check(out)
+
+
+@attack("name/protocol", "A protocol with more time has the name of the challenge.")
+def _(out: Path) -> str:
+    path = out / "challenge.yaml"
+    path.write_text(
+        "schema_version: 1\nbase: challenge\nname: challenge\nlimit_s: 200.0"
+    )
+    try:
+        row = barn.run("120", "gap", str(path), out=out / "run").trials[0]
+    except barn.BarnError as error:
+        return f"refused: {error}"
+    return "" if row.protocol == "challenge" else f"called {row.protocol}"
+
+
+@attack("worlds/number", "A trial in an easy world gets the number of a hard one.")
+def _(out: Path) -> str:
+    drive(out, "gap", "0")
+    with edit_run(out) as content:
+        content["experiment"]["worlds"] = "120"
+        content["worlds"] = {"120": content["worlds"].pop("0")}
+    (spec,) = RunFile.read(out).run_config().trials()
+    seeds = {"simulator_seed": spec.simulator_seed, "planner_seed": spec.planner_seed}
+    rename_lines(out, "gap_w0000_r00", spec.trial_id)
+    names = {"trial_id": spec.trial_id, "world_name": spec.world.name}
+    return claim(out, world=120, **names, **seeds)
+
+
+@attack("folder/table", "Only the table that others load is changed.")
+def _(out: Path) -> str:
+    drive(out, "gap", "0")
+    path = out / "results.csv"
+    path.write_text(path.read_text().replace("success", "faster", 1))
+    return next(iter(barn.results.check(out).problems), "")

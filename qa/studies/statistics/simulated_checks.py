@@ -23,7 +23,12 @@ from simulated_trials import (
 
 from barn_eval.analysis.sequential import LOOKS, LookResult, decide, plan_looks
 from barn_eval.analysis.significance import ALPHA, paired_difference, proportion
-from barn_eval.analysis.statistics import TrialValues, difference, mean_interval
+from barn_eval.analysis.statistics import (
+    TrialValues,
+    compare_pairs,
+    difference,
+    mean_interval,
+)
 from barn_eval.analysis.verdict import rank
 from barn_metrics.bootstrap import Interval
 from barn_worlds.base.arrays import Integers
@@ -102,6 +107,21 @@ def _high_share_covers(
         worlds, repetitions, correlation, 1.0 - truth, generator
     )
     return _covers(proportion(1 - failures, world), truth)
+
+
+def _better_covers(
+    worlds: int,
+    repetitions: int,
+    correlation: float,
+    truth: float,
+    generator: np.random.Generator,
+) -> bool:
+    wins, world = _draw_events(worlds, repetitions, correlation, truth, generator)
+    repetition = np.tile(np.arange(repetitions), worlds)
+    first = TrialValues(wins.astype(np.float64), world, repetition)
+    second = replace(first, values=np.full(len(world), 0.5))
+    paired = compare_pairs(first, second, larger_is_better=True)
+    return _covers(paired.improvement, truth)
 
 
 def _draw_events(
@@ -273,6 +293,16 @@ GROUPS = {
             for size, *setting in product(
                 ((50, 3), (300, 5)), (0.3, 0.7), (0.98, 0.99, 0.995)
             )
+        ],
+    ),
+    "better": CheckGroup(
+        _COVERS.format("chance that a planner is better in a world"),
+        _COVERAGE_AT_LEAST,
+        "{0} worlds x {1}, chance {3:g}, correlation in a world {2:g}",
+        _better_covers,
+        [
+            (*size, 0.3, truth)
+            for size, truth in product(((10, 1), (50, 3)), (0.5, 0.8, 0.95, 0.99))
         ],
     ),
     "mean": CheckGroup(
