@@ -1,6 +1,5 @@
 """Attacks on rivals, on records of trials and on their choice; see `attacks.py`."""
 
-import gc
 import resource
 import secrets
 import shutil
@@ -9,12 +8,11 @@ import sys
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from threading import Thread
 from typing import Any
 
 import numpy as np
 from forgery import edit_run
-from inside import Loser, attack, describe_check, drive, drive_twice, rename_lines
+from inside import Loser, attack, describe_check, drive, drive_twice
 from planners import Straight, run_inline
 from report_work import rewrite_rows
 
@@ -23,7 +21,6 @@ from barn_eval.results.run_file import RunFile
 from barn_eval.trials.protocol import PROTOCOLS
 from barn_eval.trials.seeds import planner_seed
 from barn_planners.interface import Decision, Task
-from barn_sim.simulator import Simulator
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.types import STOP
 from barn_worlds.datasets.dataset import open_dataset
@@ -227,33 +224,6 @@ def _(out: Path) -> str:
     return starve(out, resource.RLIMIT_NOFILE)
 
 
-class Haunting(Loser):
-    """Starts a thread that moves the robot, in whose simulator's process it is."""
-
-    def start(self, task: Task, seed: int) -> None:
-        """Begin a trial."""
-        super().start(task, seed)
-        self.thread = Thread(target=self.haunt, daemon=True)
-        self.thread.start()
-
-    def haunt(self) -> None:
-        """Let no simulator report contacts."""
-        for thing in gc.get_objects():
-            if isinstance(thing, Simulator):
-                thing.read_collision = lambda: False  # type: ignore[method-assign]
-
-    def escape(self, decision: Decision) -> Decision:
-        """Wait for the thread."""
-        self.thread.join()
-        return decision
-
-
-@attack("process/thread", "A thread that a planner has started changes the simulator.")
-def _(out: Path) -> str:
-    drive(out, Haunting)
-    return describe_check(out)
-
-
 @attack("name/protocol", "A protocol with more time has the name of the challenge.")
 def _(out: Path) -> str:
     path = out / "challenge.yaml"
@@ -265,19 +235,6 @@ def _(out: Path) -> str:
     except barn.BarnError as error:
         return f"refused: {error}"
     return "" if row.protocol == "challenge" else f"called {row.protocol}"
-
-
-@attack("worlds/number", "A trial in an easy world gets the number of a hard one.")
-def _(out: Path) -> str:
-    drive(out, "gap", "0")
-    with edit_run(out) as content:
-        content["experiment"]["worlds"] = "120"
-        content["worlds"] = {"120": content["worlds"].pop("0")}
-    (spec,) = RunFile.read(out).run_config().trials()
-    seeds = {"simulator_seed": spec.simulator_seed, "planner_seed": spec.planner_seed}
-    rename_lines(out, "gap_w0000_r00", spec.trial_id)
-    names = {"trial_id": spec.trial_id, "world_name": spec.world.name}
-    return claim(out, world=120, **names, **seeds)
 
 
 @attack("folder/table", "Only the table that others load is changed.")

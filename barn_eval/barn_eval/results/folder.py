@@ -232,10 +232,7 @@ class ResultsFolder:
         with convert_os_errors(StoreError, f"{path}: cannot be read"):
             text = path.read_text("utf-8")
         # Each note begins with its time; other lines belong to a traceback.
-        notes = re.findall(r"^\d{4}-\d\d-\d\dT\S+ (.*)", text, re.MULTILINE)
-        begun = notes.count(_BEGUN)
-        # Earlier versions noted only losses.
-        return max(begun, len(notes) - begun + 1)
+        return len(re.findall(rf"^\S+ {_BEGUN}$", text, re.MULTILINE))
 
     def complete(self) -> Rows:
         """Write tables, sort tracks, return all rows; ValueError if one is missing.

@@ -189,9 +189,7 @@ class _Loop:
                 wall_clock,
                 started_at=report.started_at,
                 worker=report.worker,
-                attempts=max(
-                    wall_clock.attempts, self.folder.count_attempts(trial_id)
-                ),
+                attempts=max(wall_clock.attempts, self.folder.count_attempts(trial_id)),
             ),
         )
         # The row is on the disk before the trial counts as done.
