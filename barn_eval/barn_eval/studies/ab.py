@@ -17,7 +17,7 @@ from barn_eval.analysis.entries import read_entries
 from barn_eval.analysis.measures import MEASURES, SHOWN, ranking_measure
 from barn_eval.analysis.notes import find_mixture
 from barn_eval.analysis.sequential import Decision, decide, plan_looks
-from barn_eval.analysis.verdict import warn_of_few_worlds
+from barn_eval.analysis.verdict import list_cautions
 from barn_eval.pages.template import render
 from barn_eval.results.folder import order_worlds_fairly
 from barn_eval.results.provenance import SUITE
@@ -136,7 +136,6 @@ def ab(
                 break
 
     base_entry, head_entry = read_entries([side.out for side in sides])
-    few_worlds = filter(None, [warn_of_few_worlds(look)])
     entries = [replace(base_entry, label="BASE"), replace(head_entry, label="HEAD")]
     comparison = compare(head_results, base_results, "HEAD", "BASE", SHOWN["ab"])
     return AbResult(
@@ -145,7 +144,7 @@ def ab(
         len(worlds),
         (base, head),
         (sides[0].out, sides[1].out),
-        replace(comparison, notes=(*few_worlds, *find_mixture(entries))),
+        replace(comparison, notes=(*list_cautions(look), *find_mixture(entries))),
         [*base_results, *head_results],
     )
 
