@@ -8,7 +8,7 @@ TOOL = ROOT / "qa" / "attacks" / "attacks.py"
 
 def test_no_attack_succeeds():
     listed = run_python(TOOL, "--list").stdout.splitlines()
-    assert len(listed) == len(set(listed)) > 50
+    assert len(listed) == len(set(listed)) > 60
     ended = run_python(TOOL, check=False)
     assert ended.returncode == 0, ended.stdout + ended.stderr
     assert ended.stdout.count("\n    ") == len(listed)

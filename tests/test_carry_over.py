@@ -7,6 +7,7 @@ from itertools import product
 
 import carry_over as tool
 import numpy as np
+import pandas as pd
 import pytest
 from refusals import refused
 from repository import DOCS
@@ -19,16 +20,16 @@ def invent_trials():
     for robot, planner, seed, world in drives:
         draw = np.random.default_rng([world, seed, len(robot)])
         time_s = 20.0 + world + 30.0 * draw.random() * (planner == "dwa")
-        rows.append(
-            tool.Trial(robot, planner, seed, 0, world, time_s < 90.0, round(time_s, 3))
-        )
-    return tool.Trials(tuple(rows))
+        success = int(time_s < 90.0)
+        rows.append((robot, planner, seed, 0, world, success, round(time_s, 3)))
+    columns = ["robot", "planner", "seed", "repetition", "world", "success", "time_s"]
+    return tool.Trials(pd.DataFrame(rows, columns=columns))
 
 
 def test_trials_are_written_and_read_again(tmp_path):
     trials = invent_trials()
     (tmp_path / "trials.csv").write_text(tool.csv_text(trials))
-    assert tool.read_trials(tmp_path / "trials.csv") == trials
+    assert tool.read_trials(tmp_path / "trials.csv").table.equals(trials.table)
     assert (trials.robots, trials.planners) == (["jackal", "husky"], ["gap", "dwa"])
     assert trials.tries("husky", "dwa").shape == (2, 10)
     times = [trials.times("husky", planner) for planner in trials.planners]
@@ -63,9 +64,9 @@ def test_correlations_between_robots_and_with_themselves():
 
 
 def test_planners_that_did_not_drive_every_robot_are_refused():
-    trials = invent_trials()
-    rows = [row for row in trials.rows if (row.robot, row.planner) != ("husky", "gap")]
-    some = tool.Trials(tuple(rows))
+    some = tool.Trials(
+        invent_trials().table.query("robot != 'husky' or planner != 'gap'")
+    )
     with refused("every planner must have driven with every robot"):
         tool.results_table(some)
 

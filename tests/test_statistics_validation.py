@@ -31,6 +31,7 @@ def some(name, *settings):
 TARGETS = """
 share         | 50 3 0.3 0.9 | 300
 high share    | 300 5 0.7 0.995 | 200
+better        | 10 1 0.3 0.95 | 100
 mean          | 10 1 3.0     | 100
 mean          | 20 5 0.5     | 100
 skewed        | 10           | 200

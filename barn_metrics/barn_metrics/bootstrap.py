@@ -38,10 +38,6 @@ class Interval:
         """Return estimate and limits times a factor, which is above 0 (not checked)."""
         return self._apply(lambda value: factor * value)
 
-    def shift(self, summand: float) -> "Interval":
-        """Return a copy with a number added to estimate and limits."""
-        return self._apply(lambda value: value + summand)
-
     def negate(self) -> "Interval":
         """Return a copy with the signs of all numbers changed and limits swapped."""
         negative = self._apply(lambda value: -value)
@@ -93,7 +89,7 @@ def bootstrap_interval(
     percentile: bool = False,
     resamples: int = RESAMPLES,
 ) -> Interval:
-    """Return a statistic with 95 % bootstrap limits, None for one world or undefined.
+    """Return a statistic with 95 % bootstrap limits, None if worlds are too alike.
 
     Args:
         statistic: Function of places of worlds (..., n), 0 to worlds - 1.
@@ -134,11 +130,9 @@ def bootstrap_interval(
         quantiles = [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0]
         limits = np.quantile(draws, quantiles) if len(draws) else (math.nan, math.nan)
 
-    if np.isfinite(limits).all():
+    # Draws that are all alike do not show how wide an interval must be.
+    if np.isfinite(limits).all() and np.ptp(limits) > 0.0:
         return Interval(estimate, *map(float, limits))
-    # BCa is undefined where all draws are equal, but the limits are not.
-    if len(draws) and np.ptp(draws) == 0.0:
-        return Interval(estimate, estimate, estimate)
     return Interval(estimate)
 
 

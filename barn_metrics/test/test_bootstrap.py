@@ -81,8 +81,8 @@ def test_an_interval_is_of_95_percent_from_10_000_draws():
 
 def test_draws_without_a_figure_are_left_out():
     unless_alike = mean_or(np.nan)
-    interval = bootstrap_interval(unless_alike, 2, percentile=True)
-    assert interval == Interval(0.5, 0.5, 0.5)
+    interval = bootstrap_interval(unless_alike, 3, percentile=True)
+    assert interval.low < interval.estimate < interval.high
     assert bootstrap_interval(unless_alike, 3) == Interval(1.0)
     none = bootstrap_interval(constant(np.nan), 3, percentile=True)
     assert none.low is None
@@ -98,7 +98,7 @@ def test_one_world_has_no_limits_and_raises_no_warning(percentile):
     single = bootstrap_interval(mean_or(0.0), 1, percentile=percentile)
     assert single == Interval(0.0)
     same = bootstrap_interval(constant(1.0), 5, percentile=percentile)
-    assert same == Interval(1.0, 1.0, 1.0)
+    assert same == Interval(1.0)
 
 
 def test_numbers_have_no_signed_zero_and_none_is_a_dash():
@@ -140,12 +140,9 @@ def test_columns_of_an_interval_are_named_after_it():
     assert columns == {"x": 2.0, "x_low": 1.0, "x_high": 4.0}
 
 
-def test_an_interval_is_shifted_and_mirrored_with_its_limits():
+def test_an_interval_is_mirrored_with_its_limits():
     interval = Interval(1.0, 0.5, 2.0)
-    assert interval.shift(0.5) == Interval(1.5, 1.0, 2.5)
     assert interval.negate() == Interval(-1.0, -2.0, -0.5)
-    assert Interval(1.0).shift(1.0) == Interval(2.0)
-    assert Interval(1.0, 0.5).shift(1.0) == Interval(2.0, 1.5)
     assert Interval(1.0).negate() == Interval(-1.0)
 
 

@@ -249,6 +249,10 @@ for _name, _tries in {
     "trace": "It stops or traces the supervisor.",
     "kernel": "It changes settings of the kernel, or freezes the suite.",
     "disk": "It reads the disk itself.",
+    "overlay": "It lays an empty folder over the root.",
+    "handle": "It opens folders by their numbers.",
+    "memory": "It reads memory of other processes.",
+    "descriptors": "It uses sockets that the suite has left open.",
 }.items():
     add(f"room/{_name}", _tries, partial(in_room, _name))
 for _name, (_tries, _act) in inside.ATTACKS.items():

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from threading import Thread
 from typing import Any
 from unittest.mock import patch
 
@@ -136,6 +137,17 @@ class Ghost(Loser):
         return decision
 
 
+class Haunting(Ghost):
+    """Does so in a thread."""
+
+    def escape(self, decision: Decision) -> Decision:
+        """Start the thread and wait for it."""
+        thread = Thread(target=super().escape, args=(decision,))
+        thread.start()
+        thread.join()
+        return decision
+
+
 def drive(out: Path, planner: Any, worlds: str = "120", **options: Any) -> Path:
     """Drive a planner and return the folder."""
     choices = planner if isinstance(planner, str) else {"mine": planner}
@@ -242,11 +254,21 @@ def _(out: Path) -> str:
     return "" if row.dataset == "barn300" else f"called {row.dataset}"
 
 
+def drive_ghost(out: Path, planner: type[Ghost]) -> str:
+    """Drive a planner that changes the simulator; return what a check says of it."""
+    with patch.object(Simulator, "read_collision", Simulator.read_collision):
+        drive(out, planner)
+    return describe_check(out)
+
+
 @attack("process/ghost", "A planner in the simulator's process hides contacts.")
 def _(out: Path) -> str:
-    with patch.object(Simulator, "read_collision", Simulator.read_collision):
-        drive(out, Ghost)
-    return describe_check(out)
+    return drive_ghost(out, Ghost)
+
+
+@attack("process/thread", "A thread that it has started does so.")
+def _(out: Path) -> str:
+    return drive_ghost(out, Haunting)
 
 
 @attack("folder/delays", "Measured computing is said to have taken no time.")

@@ -1,16 +1,18 @@
 """Attacks on rivals, on records of trials and on their choice; see `attacks.py`."""
 
+import resource
 import secrets
 import shutil
 import subprocess
 import sys
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from forgery import edit_run
-from inside import Loser, attack, describe_check, drive
+from inside import Loser, attack, describe_check, drive, drive_twice
 from planners import Straight, run_inline
 from report_work import rewrite_rows
 
@@ -165,17 +167,79 @@ def _(out: Path) -> str:
     return ""
 
 
-@attack("submission/shadow", "Modules beside results shadow those of the suite.")
-def _(out: Path) -> str:
-    drive(out / "run", "gap", "0,30")
-    for name in ("barn_eval", "barn_sim", "numpy", "json"):
-        (out / f"{name}.py").write_text("raise SystemExit('shadowed')")
-    barn_command = Path(sys.executable).with_name("barn")
+def run_beside_shadows(folder: Path, *words: str) -> str:
+    """Run barn where modules have names of those that it imports; return its output."""
+    for name in ("barn_eval", "barn_sim", "numpy", "json", "sitecustomize"):
+        (folder / f"{name}.py").write_text("raise SystemExit('shadowed')")
     ended = subprocess.run(
-        [barn_command, "check", "run"],
-        cwd=out,
+        [Path(sys.executable).with_name("barn"), *words],
+        cwd=folder,
         capture_output=True,
         text=True,
         check=False,
     )
     return "" if "shadowed" in ended.stdout + ended.stderr else ended.stdout
+
+
+@attack("submission/shadow", "Modules beside results shadow those of the suite.")
+def _(out: Path) -> str:
+    drive(out / "run", "gap", "0,30")
+    return run_beside_shadows(out, "check", "run")
+
+
+@attack("planner/shadow", "Modules beside a planner shadow those of workers.")
+def _(out: Path) -> str:
+    words = ("--planner", "gap", "--worlds", "0,30", "--workers", "2")
+    return run_beside_shadows(out, "run", *words, "--out", "run", "--json")
+
+
+def starve(out: Path, limit: int) -> str:
+    """Let a planner set a limit of its process, with which a run cannot go on."""
+
+    class Starving(Loser):
+        attempts = 0
+
+        def escape(self, decision: Decision) -> Decision:
+            Starving.attempts += 1
+            if Starving.attempts == 1:
+                resource.setrlimit(limit, (0, most))
+            return decision
+
+    usual, most = resource.getrlimit(limit)
+    try:
+        with suppress(barn.BarnError):
+            drive(out, Starving)
+    finally:
+        resource.setrlimit(limit, (usual, most))
+    return drive_twice(out, Starving)
+
+
+@attack("again/disk", "A planner that loses lets nothing be written, and drives again.")
+def _(out: Path) -> str:
+    return starve(out, resource.RLIMIT_FSIZE)
+
+
+@attack("again/files", "It lets no file be opened, and drives again.")
+def _(out: Path) -> str:
+    return starve(out, resource.RLIMIT_NOFILE)
+
+
+@attack("name/protocol", "A protocol with more time has the name of the challenge.")
+def _(out: Path) -> str:
+    path = out / "challenge.yaml"
+    path.write_text(
+        "schema_version: 1\nbase: challenge\nname: challenge\nlimit_s: 200.0"
+    )
+    try:
+        row = barn.run("120", "gap", str(path), out=out / "run").trials[0]
+    except barn.BarnError as error:
+        return f"refused: {error}"
+    return "" if row.protocol == "challenge" else f"called {row.protocol}"
+
+
+@attack("folder/table", "Only the table that others load is changed.")
+def _(out: Path) -> str:
+    drive(out, "gap", "0")
+    path = out / "results.csv"
+    path.write_text(path.read_text().replace("success", "faster", 1))
+    return next(iter(barn.results.check(out).problems), "")

@@ -7,8 +7,10 @@ what kept it from that.
 import ctypes
 import os
 import signal
+import stat
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 DEED = sys.argv[1]
@@ -112,6 +114,50 @@ def disk() -> bool:
     return False
 
 
+def overlay() -> bool:
+    """Lay an empty folder over the root, below which nothing may be hidden."""
+    user = os.getuid()
+    call(LIBC.unshare(NEW_NAMESPACES))
+    Path("/proc/self/setgroups").write_text("deny")
+    for name in ("uid_map", "gid_map"):
+        Path("/proc/self", name).write_text(f"0 {user} 1")
+    place = OUT.parent.parent
+    for name in ("place", "upper", "work"):
+        (place / name).mkdir()
+    os.chdir(place)
+    options = b"lowerdir=/,upperdir=upper,workdir=work,userxattr"
+    call(LIBC.mount(b"overlay", b"place", b"overlay", 0, options))
+    return is_seen(place / "place" / OUT.relative_to("/"))
+
+
+def handle() -> bool:
+    """Open a folder by the number of its file, which no mount hides."""
+    handle = (ctypes.c_uint32 * 34)(128)
+    mount = ctypes.c_int()
+    above = os.open(OUT.parent.parent, os.O_RDONLY)
+    call(LIBC.name_to_handle_at(above, b"above", handle, ctypes.byref(mount), 0))
+    call(LIBC.open_by_handle_at(above, handle, os.O_RDONLY) < 0)
+    return True
+
+
+def memory() -> bool:
+    """Look for processes whose memory could be read."""
+    pids = {path.name for path in Path("/proc").glob("[0-9]*")}
+    print(f"there are processes {', '.join(sorted(pids))} only")
+    return len(pids) > 2  # its own and the first of its namespace
+
+
+def descriptors() -> bool:
+    """Look for sockets and folders that the suite has left open."""
+    print("only pipes and files")
+    for number in range(256):
+        with suppress(OSError):
+            mode = os.fstat(number).st_mode
+            if stat.S_ISSOCK(mode) or stat.S_ISDIR(mode):
+                return True
+    return False
+
+
 def listing() -> bool:
     """List the folder."""
     print(f"the folder has {list(OUT.iterdir())}")
@@ -128,6 +174,10 @@ DEEDS: dict[str, Callable[[], bool]] = {
     "trace": trace,
     "kernel": kernel,
     "disk": disk,
+    "overlay": overlay,
+    "handle": handle,
+    "memory": memory,
+    "descriptors": descriptors,
 }
 
 try:

@@ -12,11 +12,8 @@ robot's size (`barn.worlds.resize`). Courses and reference speeds are in these c
 well, so that times can be compared as they are.
 """
 
-import csv
-import io
-from collections import defaultdict
 from collections.abc import Callable, Sequence
-from dataclasses import astuple, dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
 from pathlib import Path
@@ -24,6 +21,7 @@ from pathlib import Path
 import click
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
 
@@ -47,74 +45,49 @@ _TICKS_S = (10.0, 20.0, 30.0, 50.0, 100.0)
 
 
 @dataclass(frozen=True)
-class Trial:
-    """A trial; time_s: as counted, failures with what the protocol counts for them."""
-
-    robot: str
-    planner: str
-    seed: int
-    repetition: int
-    world: int
-    success: bool
-    time_s: float
-
-
-@dataclass(frozen=True)
 class Trials:
     """Trials of robots and planners in the same worlds, as many of each."""
 
-    rows: tuple[Trial, ...]
+    table: pd.DataFrame
+    """A row per trial; time_s is as counted, for failures what the protocol counts."""
 
     @property
     def robots(self) -> list[str]:
         """Robots in the order in which they come."""
-        return list(dict.fromkeys(row.robot for row in self.rows))
+        return list(self.table["robot"].unique())
 
     @property
     def planners(self) -> list[str]:
         """Planners in the order in which they come."""
-        return list(dict.fromkeys(row.planner for row in self.rows))
+        return list(self.table["planner"].unique())
 
     @cached_property
     def worlds(self) -> Integers:
         """Numbers of the worlds that every planner drove with every robot."""
-        driven = defaultdict(set)
-        for row in self.rows:
-            driven[row.robot, row.planner].add(row.world)
-        shared = set.intersection(*driven.values())
+        driven = self.table.groupby(["robot", "planner"])["world"].agg(set)
+        shared = set.intersection(*driven)
         if len(driven) < len(self.robots) * len(self.planners) or len(shared) < 3:
             raise ConfigError(
                 "every planner must have driven with every robot, in 3 worlds at least"
             )
         return np.array(sorted(shared), np.int64)
 
-    def of(self, robot: str, planner: str) -> list[Trial]:
+    def of(self, robot: str, planner: str) -> pd.DataFrame:
         """Return the trials of a robot under a planner in the shared worlds."""
-        shared = set(self.worlds.tolist())
-        return [
-            row
-            for row in self.rows
-            if (row.robot, row.planner) == (robot, planner) and row.world in shared
-        ]
+        table = self.table
+        is_asked = (table["robot"] == robot) & (table["planner"] == planner)
+        return table[is_asked & table["world"].isin(self.worlds)]
 
     def tries(self, robot: str, planner: str) -> Floats:
-        """Return the times of each try in each world, (tries, worlds)."""
-        by_try: dict[tuple[int, int], dict[int, float]] = defaultdict(dict)
-        for row in self.of(robot, planner):
-            by_try[row.seed, row.repetition][row.world] = row.time_s
-        whole = [
-            by_try[key]
-            for key in sorted(by_try)
-            if len(by_try[key]) == len(self.worlds)
-        ]
-        return np.array(
-            [[times[world] for world in self.worlds.tolist()] for times in whole]
-        )
+        """Return the times of each complete try in each world, (tries, worlds)."""
+        trials = self.of(robot, planner).set_index(["seed", "repetition", "world"])
+        times: Floats = trials["time_s"].unstack().dropna().to_numpy()
+        return times
 
     def failed(self, robot: str, planner: str) -> npt.NDArray[np.bool_]:
         """Return in which worlds (worlds,) any try failed."""
-        lost = [trial.world for trial in self.of(robot, planner) if not trial.success]
-        return np.isin(self.worlds, lost)
+        trials = self.of(robot, planner)
+        return np.isin(self.worlds, trials["world"][trials["success"] == 0])
 
     def times(self, robot: str, planner: str) -> Floats:
         """Return the mean time of a robot in each world (worlds,).
@@ -145,47 +118,28 @@ def read_folders(folders: Sequence[Path]) -> Trials:
                 raise ConfigError(
                     f"{folder}: world {result.world} has not the grid of that of {GRIDS}"
                 )
-            trial = Trial(
-                source.chassis.name,
-                result.planner,
-                int(source.configuration["seed"]),
-                result.repetition,
-                result.world,
-                result.scores.success,
-                round(result.scores.scored_time_s, 3),
-            )
-            rows.append(trial)
-    return Trials(tuple(rows))
+            row = {
+                "robot": source.chassis.name,
+                "planner": result.planner,
+                "seed": int(source.configuration["seed"]),
+                "repetition": result.repetition,
+                "world": result.world,
+                "success": int(result.scores.success),
+                "time_s": round(result.scores.scored_time_s, 3),
+            }
+            rows.append(row)
+    return Trials(pd.DataFrame(rows))
 
 
 def read_trials(path: Path) -> Trials:
     """Return the trials of a CSV file that `csv_text` made."""
-    trials = []
-    with path.open(newline="") as file:
-        for row in csv.DictReader(file):
-            numbers = int(row["seed"]), int(row["repetition"]), int(row["world"])
-            trials.append(
-                Trial(
-                    row["robot"],
-                    row["planner"],
-                    *numbers,
-                    row["success"] == "1",
-                    float(row["time_s"]),
-                )
-            )
-    return Trials(tuple(trials))
+    return Trials(pd.read_csv(path))
 
 
 def csv_text(trials: Trials) -> str:
     """Return the trials as CSV."""
-    file = io.StringIO()
-    rows = csv.writer(file, lineterminator="\n")
-    rows.writerow(item.name for item in fields(Trial))
-    rows.writerows(
-        [int(value) if isinstance(value, bool) else value for value in astuple(row)]
-        for row in trials.rows
-    )
-    return file.getvalue()
+    text: str = trials.table.to_csv(index=False, lineterminator="\n")
+    return text
 
 
 def results_table(trials: Trials) -> str:
@@ -193,17 +147,13 @@ def results_table(trials: Trials) -> str:
     rows = []
     for planner in trials.planners:
         for robot in trials.robots:
-            robot_trials = trials.of(robot, planner)
-            worlds = np.array([trial.world for trial in robot_trials])
-            percents = [100.0 * trial.success for trial in robot_trials]
-            times_s = [trial.time_s for trial in robot_trials]
+            table = trials.of(robot, planner)
             success, time = (
-                mean_interval(np.array(values, np.float64), worlds)
-                for values in (percents, times_s)
+                mean_interval(values.to_numpy(np.float64), table["world"].to_numpy())
+                for values in (100.0 * table["success"], table["time_s"])
             )
-            count = str(len(robot_trials))
-            texts = [success.text(0), time.text(1)]
-            rows.append([spelling(planner), f"`{robot}`", count, *texts])
+            texts = [str(len(table)), success.text(0), time.text(1)]
+            rows.append([spelling(planner), f"`{robot}`", *texts])
     return markdown_table(
         ["planner", "robot", "trials", "success [%]", "time as counted [s]"], rows
     )
@@ -323,7 +273,7 @@ def scatter(trials: Trials) -> Figure:
     """Return the times of other robots over those of the first, a panel per planner."""
     first, *other_robots = trials.robots
     figure = new_figure(8.8, 8.4)
-    all_s = [row.time_s for row in trials.rows]
+    all_s = trials.table["time_s"]
     limits = (0.9 * min(all_s), 1.1 * max(all_s))
     for place, planner in enumerate(trials.planners):
         axes = figure.add_subplot(2, -(-len(trials.planners) // 2), place + 1)

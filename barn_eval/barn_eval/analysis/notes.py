@@ -10,7 +10,12 @@ from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.sources import Source, group_by_planner
 from barn_eval.results.commands import count_equal_commands
 from barn_eval.results.row_table import column, join, row_keys, systems, take
-from barn_eval.results.run_file import CLAIMED, SUBMISSION_FILE
+from barn_eval.results.run_file import (
+    CLAIMED,
+    SUBMISSION_FILE,
+    read_commit,
+    shorten_commit,
+)
 from barn_eval.trials.result import MAX_MISSED_SHARE, Rows
 from barn_worlds.base.errors import list_names
 
@@ -31,10 +36,9 @@ def find_mixture(entries: Sequence[Entry]) -> Iterator[str]:
     folders: dict[str, Path] = {}
     for entry in entries:
         for session in entry.source.sessions:
-            commit = str(session.get("commit") or "unknown")
-            folders.setdefault(commit, entry.source.path)
+            folders.setdefault(read_commit(session), entry.source.path)
     if len(folders) > 1:
-        texts = [f"{commit[:12]} in {path}" for commit, path in folders.items()]
+        texts = [f"{shorten_commit(name)} in {path}" for name, path in folders.items()]
         yield f"Commits differ: {', '.join(texts)}."
 
 

@@ -42,9 +42,9 @@ class Components:
     """Variance between the trials of a world."""
 
     unseen: tuple[float, ...] = ()
-    """Cost of a failure for each planner that has not failed yet.
+    """Cost of a failure for each planner that has not failed, or has always failed, yet.
 
-    The variance does not include such failures.
+    The variance does not include what has not occurred.
     """
 
     def standard_error(self, worlds: int, repetitions: int) -> float:

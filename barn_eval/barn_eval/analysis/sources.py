@@ -88,8 +88,7 @@ class Source:
 
     def describe_commanded(self, planner: str) -> str:
         """Return a sentence on a planner's undeclared speed cap, and how to declare it."""
-        # Rounded up, because a planner must not exceed what it declares.
-        cap_mps = math.ceil(1000.0 * self.commanded_mps[planner]) / 1000.0
+        cap_mps = self.commanded_mps[planner]
         declaration = f"--set {planner}.max_speed_mps={cap_mps:g} declares it"
         if self.run_config.planner(planner).registered:
             declaration = "speed_cap of its PlannerEntry declares it"
@@ -203,7 +202,9 @@ def cap_result(result: TrialResult, cap_mps: float, period_s: float) -> TrialRes
 def _fastest_commands(source: Source) -> dict[str, float]:
     """Return the fastest command or motion [m/s] of planners without a cap; {} if observed.
 
-    Planners without kept commands, or with only zero commands, are left out.
+    Speeds are rounded up to 1 mm/s: rounding errors in other trials of a folder must not
+    change the efficiency, and a planner must not exceed what it declares. Planners
+    without kept commands, or with only zero commands, are left out.
     """
     speeds_mps: dict[str, float] = {}
     # In observed trials, something else than the planner may limit the speed.
@@ -235,7 +236,11 @@ def _fastest_commands(source: Source) -> dict[str, float]:
         # The robot's own limit holds for larger commands.
         fastest_mps = min(fastest_mps, result.speed_cap_mps or math.inf)
         speeds_mps[planner] = max(speeds_mps[planner], fastest_mps)
-    return {planner: speed for planner, speed in speeds_mps.items() if speed > 0.0}
+    return {
+        planner: math.ceil(1000.0 * speed - 1e-6) / 1000.0
+        for planner, speed in speeds_mps.items()
+        if speed > 0.0
+    }
 
 
 def require_same_task(folders: Sequence[Path]) -> None:

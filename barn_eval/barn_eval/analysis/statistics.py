@@ -103,8 +103,8 @@ class TrialValues:
 
     @property
     def unseen(self) -> tuple[float, ...]:
-        """The cost of a failure as only item if failures count and none occurred, or ()."""
-        if not self.counts_failures or self.failures.any():
+        """The cost of a failure as only item if all trials succeeded or all failed, or ()."""
+        if len(np.unique(self.failures)) != 1:
             return ()
         return (abs(self.cost),)
 
@@ -327,8 +327,8 @@ def compare_pairs(a: TrialValues, b: TrialValues, *, larger_is_better: bool) -> 
 
     The probability of improvement is over every pair of a trial of A and one of B in a
     world (Agarwal et al. 2021, "Deep reinforcement learning at the edge of the
-    statistical precipice", with worlds instead of tasks). Its interval is from the test
-    of its difference from one half.
+    statistical precipice", with worlds instead of tasks). Its limits are those of
+    Clopper and Pearson, for one trial per world.
 
     Args:
         a: Trials of A.
@@ -348,10 +348,12 @@ def compare_pairs(a: TrialValues, b: TrialValues, *, larger_is_better: bool) -> 
         not_above = np.searchsorted(others, values, side="right").sum()
         # Ties count half.
         chances.append((below + not_above) / 2.0 / (len(values) * len(others)))
-    # All worlds have the same weight, however many trials they have.
-    lead = significance.paired_difference(
-        np.array(chances) - 0.5, np.array(list(larger))
-    )
+    improvement = Interval(math.nan)
+    if chances:
+        # All worlds have the same weight, however many trials they have.
+        share = Share(float(np.mean(chances)), len(chances))
+        # Where A is better in all worlds, the signs alone would leave no width.
+        improvement = Interval(share.share, *share.limits)
     return Paired(
         worlds=test.worlds,
         trials=test.trials,
@@ -360,7 +362,7 @@ def compare_pairs(a: TrialValues, b: TrialValues, *, larger_is_better: bool) -> 
         difference=test.interval,
         p=test.p,
         parts=test.parts,
-        improvement=lead.interval.shift(0.5),
+        improvement=improvement,
         failures=(left.failure_share(), right.failure_share()),
     )
 

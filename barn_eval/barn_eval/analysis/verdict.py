@@ -292,8 +292,11 @@ def _describe_lead(ranking: Ranking, measure: Measure, certainty: str) -> str:
 
     if len(equal) == 1:
         lead = f"{first} ranks first; its lead over"
+        # Another pair of the same comparison may have the planner that ranks first.
+        if ranking.pair_count > len(ranking.differences):
+            lead = f"The lead of {first} over"
     else:
-        lead = f"{join_names(equal)} are equal, {measure.title} {value}"
+        lead = f"{join_names(equal)} have the same {measure.title}, {value}"
         if not behind:
             return f"{lead} ({certainty})."
         lead += "; their lead over"
@@ -371,7 +374,8 @@ def _possible_failures(ranking: Ranking, places: Iterable[int]) -> str:
     limits = []
     for place in places:
         share = ranking.failures[place]
-        if share is not None and share.high is not None:
+        # If all trials failed, no more failures are possible.
+        if share and share.high and share.estimate < 1.0:
             percent = number(100.0 * share.high, 1)
             limits.append(f"{percent} % of {ranking.names[place]}'s")
     if not limits:
@@ -383,13 +387,13 @@ def _needed_worlds(test: Difference, ranking: Ranking) -> str:
     """Return a sentence on how many worlds a significant difference takes, or why none."""
     size = abs(test.interval.estimate)
     repetitions = max(1, round(test.trials / test.worlds))
-    if size == 0.0:
-        return " The means are equal; more worlds would only narrow the interval."
-
     # If every world favors the same planner, the test gives p = 2 / 2^worlds.
     fewest = math.ceil(1.0 + math.log2(ranking.pair_count / ALPHA))
     if test.worlds < fewest:
         return f" With fewer than {fewest} worlds, no difference can be significant."
+
+    if size == 0.0:
+        return " The means are equal; more worlds would only narrow the interval."
 
     # Bonferroni's level, that of Holm's hardest step, is on the safe side.
     level = 1.0 - ALPHA / ranking.pair_count

@@ -90,7 +90,7 @@ def command(
     if tuning.given_up:
         title += f", {tuning.given_up} of them stopped early"
     if not tuning.tuned:
-        console.print(f"{title}: none is better than the default")
+        console.print(f"{title}: none has a better mean than the default")
         return 0
     console.print(_settings_table(tuning, title))
     console.print(

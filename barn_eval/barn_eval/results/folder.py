@@ -12,7 +12,8 @@ OUT/results.parquet, .csv   results in the order of trials, without wall-clock f
                             once the run is complete
 OUT/timing.parquet, .csv    the wall-clock figures
 OUT/bags/TRIAL_ID/          rosbag2 directories, if the run keeps them
-OUT/losses/TRIAL_ID.txt     what is known of attempts that gave no result
+OUT/losses/TRIAL_ID.txt     when attempts began, and what is known of those that gave no
+                            result; deleted if the first attempt gave a score
 OUT/tracebacks/TRIAL_ID.txt of planners that raised an exception in mode direct
 OUT/logs/                   of mode ros: what the nodes printed
 OUT/replays/                pages of replays, and bags made for them afterwards
@@ -55,6 +56,7 @@ from barn_worlds.formats.dataset_file import write_dataset_file
 from barn_worlds.worlds.world import World
 
 LOSSES = "losses"
+_BEGUN = "begun"
 REPLAYS = "replays"
 TRACEBACKS = "tracebacks"
 _LOCK = ".lock"
@@ -195,6 +197,8 @@ class ResultsFolder:
         # and the trial runs again.
         self._rows.append(record.result)
         self._completed_ids.add(trial_id)
+        if record.result.wall_clock.attempts == 1:
+            (self.path / LOSSES / f"{trial_id}.txt").unlink(missing_ok=True)
 
     def write_note(self, kind: str, trial_id: str, text: str) -> None:
         """Append a text with UTC time to KIND/TRIAL_ID.txt; StoreError if that fails.
@@ -214,14 +218,21 @@ class ResultsFolder:
             with path.open("a", encoding="utf-8") as file:
                 file.write(f"{now} {text}\n")
 
-    def count_losses(self, trial_id: str) -> int:
-        """Return the number of a trial's attempts without a result, in all sessions."""
-        try:
-            text = (self.path / LOSSES / f"{trial_id}.txt").read_text("utf-8")
-        except FileNotFoundError:
-            return 0
+    def begin_attempt(self, trial_id: str) -> None:
+        """Note that an attempt begins; StoreError if that fails.
+
+        Afterwards, no note might be possible: a planner that loses could use up all disk
+        space or files, or end the run.
+        """
+        self.write_note(LOSSES, trial_id, _BEGUN)
+
+    def count_attempts(self, trial_id: str) -> int:
+        """Return the number of a trial's attempts so far, in all sessions; or StoreError."""
+        path = self.path / LOSSES / f"{trial_id}.txt"
+        with convert_os_errors(StoreError, f"{path}: cannot be read"):
+            text = path.read_text("utf-8")
         # Each note begins with its time; other lines belong to a traceback.
-        return len(re.findall(r"^\d{4}-\d\d-\d\dT", text, re.MULTILINE))
+        return len(re.findall(rf"^\S+ {_BEGUN}$", text, re.MULTILINE))
 
     def complete(self) -> Rows:
         """Write tables, sort tracks, return all rows; ValueError if one is missing.
@@ -234,6 +245,9 @@ class ResultsFolder:
             raise ValueError(f"{self.total - len(results)} trials have no result")
         write_tables(self.path, results)
         TrialLines(self.path / TRACKS_FILE).arrange(self._places)
+        # It stays if it has notes, which belong to trials of more than one attempt.
+        with suppress(OSError):
+            (self.path / LOSSES).rmdir()
         return results
 
 

@@ -134,11 +134,11 @@ class RunFile:
     def origin_note(self) -> str:
         """Return " (written at COMMITS, this is COMMIT)", or "" if only this one wrote it."""
         current = commit()
-        commits = dict.fromkeys(map(_read_commit, self.sessions))
+        commits = dict.fromkeys(map(read_commit, self.sessions))
         if not commits or list(commits) == [current]:
             return ""
-        names = " and ".join(map(_shorten, commits))
-        return f" (written at {names}, this is {_shorten(current)})"
+        names = " and ".join(map(shorten_commit, commits))
+        return f" (written at {names}, this is {shorten_commit(current)})"
 
     def deciding_config(self) -> dict[str, Any]:
         """Return the plain configuration without values that do not affect results.
@@ -228,13 +228,13 @@ def _read_sessions(content: Mapping[str, Any]) -> tuple[Mapping[str, Any], ...]:
     return tuple(session for session in sessions if isinstance(session, dict))
 
 
-def _read_commit(session: Mapping[str, Any]) -> str:
+def read_commit(session: Mapping[str, Any]) -> str:
     """Return the commit in a session, or "" if it is missing or not a commit."""
     revision = str(session.get("commit", ""))
     return revision if _COMMIT.fullmatch(revision) else ""
 
 
-def _shorten(revision: str) -> str:
+def shorten_commit(revision: str) -> str:
     """Return the first 8 digits of a commit with any "+changes", or "an unknown commit"."""
     sha, plus, changes = revision.partition("+")
     return f"{sha[:8]}{plus}{changes}" if sha else "an unknown commit"

@@ -86,6 +86,7 @@ def run_trials(
             while loop.waiting and len(loop.running) < pool.slots:
                 job = loop.waiting.popleft()
                 loop.running[job.key] = job
+                folder.begin_attempt(job.trials[0].trial_id)
                 pool.submit(job.key, job)
             for report in pool.wait(_WAIT_S):
                 yield from loop.take(report)
@@ -188,14 +189,15 @@ class _Loop:
                 wall_clock,
                 started_at=report.started_at,
                 worker=report.worker,
-                attempts=max(
-                    wall_clock.attempts, self.folder.count_losses(trial_id) + 1
-                ),
+                attempts=max(wall_clock.attempts, self.folder.count_attempts(trial_id)),
             ),
         )
         # The row is on the disk before the trial counts as done.
         self.folder.append(replace(record, result=result))
-        self.running[report.key] = self.running[report.key].without(trial_id)
+        job = self.running[report.key].without(trial_id)
+        self.running[report.key] = job
+        if job.trials:
+            self.folder.begin_attempt(job.trials[0].trial_id)
         return result
 
     def _give_up(self, spec: TrialSpec, loss: JobLoss, attempt: int) -> TrialResult:

@@ -17,6 +17,7 @@ from barn_eval.analysis.entries import read_entries
 from barn_eval.analysis.measures import MEASURES, SHOWN, ranking_measure
 from barn_eval.analysis.notes import find_mixture
 from barn_eval.analysis.sequential import Decision, decide, plan_looks
+from barn_eval.analysis.verdict import list_cautions
 from barn_eval.pages.template import render
 from barn_eval.results.folder import order_worlds_fairly
 from barn_eval.results.provenance import SUITE
@@ -37,7 +38,7 @@ _SETUP_FILES = ("install/setup.bash", "setup.bash", "local_setup.bash")
 _DECISIONS = {
     "better": "HEAD is better than BASE",
     "worse": "HEAD is worse than BASE",
-    "futile": "no difference is significant, and more worlds are unlikely to show one",
+    "futile": "no difference is significant, and the planned worlds are unlikely to show one",
     "open": "no difference is significant",
 }
 
@@ -143,7 +144,7 @@ def ab(
         len(worlds),
         (base, head),
         (sides[0].out, sides[1].out),
-        replace(comparison, notes=tuple(find_mixture(entries))),
+        replace(comparison, notes=(*list_cautions(look), *find_mixture(entries))),
         [*base_results, *head_results],
     )
 

@@ -295,6 +295,7 @@ def test_command_compares_folders(folders, command, printed):
     )
     assert first["rows"][0]["paired"]["difference"]["estimate"] == 0.0
     assert first["verdict"].startswith("DWA") and first["pairs"] == 2
+    assert first["rank_correlation"]["low"] is None  # worlds with equal ranks show none
     text = " ".join(command(f"compare {folders}/a {folders}/b")[1].split())
     assert "same worlds and seeds" in text
     assert text.startswith(

@@ -93,7 +93,7 @@ def test_a_planner_without_declaration_is_classed_by_its_commands(tmp_path):
     assert mine.trials[0].speed_cap_mps == 2.0
     (board,) = make_boards([plain.folder, mine.folder])
     first, other = (place.summary["efficiency"].estimate for place in board.places)
-    assert first == pytest.approx(other)
+    assert first == other  # although rounding made some of its commands smaller
     assert "up to 0.5 m/s" in board.title
     (note,) = (note for note in board.notes if "mine declares" in note)
     assert note.endswith("counts, 0.5 m/s; --set mine.max_speed_mps=0.5 declares it.")

@@ -74,7 +74,16 @@ def test_paired_comparison_removes_what_the_worlds_share():
     assert (paired.worlds, paired.trials) == (30, 150)
     assert paired.difference.estimate == pytest.approx(shift.mean(), rel=1e-9)
     assert -1.1 < paired.difference.low < paired.difference.high < -0.9
-    assert paired.improvement.estimate > 0.5
+
+
+def test_a_lead_in_all_worlds_does_not_exclude_losses_in_others():
+    trials = trials_of(worlds=30)
+    moved = replace(trials, values=trials.values - 100.0)
+    low = pytest.approx(0.025 ** (1.0 / 30.0))
+    better = compare_pairs(moved, trials, larger_is_better=False).improvement
+    assert better == Interval(1.0, low, 1.0)
+    worse = compare_pairs(trials, moved, larger_is_better=False).improvement
+    assert worse == Interval(0.0, 0.0, pytest.approx(1.0 - better.low))
 
 
 def test_a_paired_comparison_gives_the_test_that_it_made():
@@ -321,10 +330,12 @@ def test_success_in_one_world_is_worth_the_best():
         assert trials.cost == pytest.approx(best - 0.1)
 
 
-def test_what_a_failure_costs_is_unseen_only_where_none_was_seen():
+def test_what_a_failure_costs_is_unseen_only_where_all_trials_end_alike():
     none = counted([0.3, 0.3], [0, 0], range(2), 0.4)
     with_failure = counted([0.3, 0.3], [0, 1], range(2), 0.4)
     assert none.parts().unseen == (none.cost * -1,)
+    never = counted([0.0, 0.0], [1, 1], range(2), 0.0)
+    assert never.unseen == (never.best,)
     assert with_failure.unseen == without_failures(none).unseen == ()
     paired = compare_pairs(none, with_failure, larger_is_better=True)
     turned = difference(with_failure, none)

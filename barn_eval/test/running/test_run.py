@@ -142,7 +142,7 @@ def small_disk(tmp_path):
 def test_a_full_disk_is_one_line_and_loses_nothing(whole, small_disk):
     out = small_disk / "out"
     filler = small_disk / "filler"
-    filler.write_bytes(bytes(232 * 1024))
+    filler.write_bytes(bytes(216 * 1024))
     code, errors = runs.run(whole[0], f"--out {out} --workers 2")
     assert code == ExitCode.REFUSED
     assert "No space left on device" in errors

@@ -3,6 +3,7 @@ does as it is told.
 """
 
 import csv
+import resource
 import shutil
 from collections import Counter
 from dataclasses import replace
@@ -355,3 +356,23 @@ def test_a_trial_whose_folder_was_moved_has_had_an_attempt(tmp_path, config, spe
         run(out, config, specs, Scripted(slots=1, fate=move))
     (note,) = (out / "losses").iterdir()
     assert "interrupted: StoreError" in note.read_text()
+
+
+def test_a_trial_has_had_an_attempt_even_if_nothing_can_be_written(
+    tmp_path, config, specs
+):
+    no_limit = resource.getrlimit(resource.RLIMIT_FSIZE)
+
+    def fill(key, attempt, result):
+        resource.setrlimit(resource.RLIMIT_FSIZE, (0, no_limit[1]))
+        return result
+
+    try:
+        with refused("cannot be written: File too large", StoreError):
+            run(tmp_path, config, specs, Scripted(slots=1, fate=fill))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, no_limit)
+    run(tmp_path, config, specs, Scripted())
+    attempts = [row.wall_clock.attempts for row in read_results(tmp_path)]
+    assert sorted(attempts) == [1] * (len(specs) - 1) + [2]
+    assert len(list((tmp_path / "losses").iterdir())) == 1

@@ -131,3 +131,4 @@ def test_a_verdict_tells_how_far_it_went(tmp_path):
     )
     assert f"after {conclusion.worlds} of 6 worlds" in conclusion.markdown()
     assert "difference is significant" in conclusion.markdown()
+    assert f"\nOnly {conclusion.worlds} worlds: " in conclusion.markdown()

@@ -23,10 +23,14 @@ from simulated_trials import (
 
 from barn_eval.analysis.sequential import LOOKS, LookResult, decide, plan_looks
 from barn_eval.analysis.significance import ALPHA, paired_difference, proportion
-from barn_eval.analysis.statistics import TrialValues, difference, mean_interval
+from barn_eval.analysis.statistics import (
+    TrialValues,
+    compare_pairs,
+    difference,
+    mean_interval,
+)
 from barn_eval.analysis.verdict import rank
 from barn_metrics.bootstrap import Interval
-from barn_worlds.base.arrays import Integers
 
 BOARD_PLANNERS = 8
 # Patterns of signs: enough to decide whether p is below 5 %; reports draw 10 000.
@@ -85,48 +89,24 @@ def _share_covers(
     correlation: float,
     truth: float,
     generator: np.random.Generator,
+    *,
+    of_failures: bool = False,
+    of_pairs: bool = False,
 ) -> bool:
-    events, world = _draw_events(worlds, repetitions, correlation, truth, generator)
-    return _covers(proportion(events, world), truth)
-
-
-def _high_share_covers(
-    worlds: int,
-    repetitions: int,
-    correlation: float,
-    truth: float,
-    generator: np.random.Generator,
-) -> bool:
-    # Failures are drawn, so that worlds differ in what is rare.
-    failures, world = _draw_events(
-        worlds, repetitions, correlation, 1.0 - truth, generator
-    )
-    return _covers(proportion(1 - failures, world), truth)
-
-
-def _draw_events(
-    worlds: int,
-    repetitions: int,
-    correlation: float,
-    chance: float,
-    generator: np.random.Generator,
-) -> tuple[Integers, Integers]:
-    """Draw whether an event happens in each trial (n,); return it with their worlds."""
+    """Draw trials, of failures where these are rare, or of pairs that A may win."""
     world = np.repeat(np.arange(worlds), repetitions)
-    chances = draw_failure_chances(chance, correlation, worlds, generator)[world]
-    return (generator.random(len(world)) < chances).astype(np.int64), world
-
-
-def _mean_covers(
-    worlds: int, repetitions: int, percent: float, generator: np.random.Generator
-) -> bool:
-    planner = draw_planner(worlds, repetitions, percent, generator)
-    return _covers(planner.mean(), (1.0 - percent / 100.0) * SCORE)
-
-
-def _exponential_mean_covers(worlds: int, generator: np.random.Generator) -> bool:
-    values = generator.exponential(1.0, worlds)
-    return _covers(mean_interval(values, np.arange(worlds)), 1.0)
+    share = 1.0 - truth if of_failures else truth
+    chances = draw_failure_chances(share, correlation, worlds, generator)[world]
+    events = (generator.random(len(world)) < chances).astype(np.int64)
+    if of_failures:
+        events = 1 - events
+    if not of_pairs:
+        return _covers(proportion(events, world), truth)
+    repetition = np.tile(np.arange(repetitions), worlds)
+    first = TrialValues(events.astype(np.float64), world, repetition)
+    second = replace(first, values=np.full(len(world), 0.5))
+    pairs = compare_pairs(first, second, larger_is_better=True)
+    return _covers(pairs.improvement, truth)
 
 
 def _mean_of_successes_covers(
@@ -164,30 +144,10 @@ def _success_difference_covers(
     return _covers(interval, (second_percent - first_percent) / 100.0)
 
 
-def _unlike_planners_differ(
-    worlds: int, repetitions: int, percent: float, generator: np.random.Generator
-) -> bool:
-    return _is_clear(draw_pair(worlds, repetitions, (0.0, percent), 1.0, generator))
-
-
-def _slow_planner_differs(
-    worlds: int,
-    repetitions: int,
-    percent: float,
-    factor: float,
-    generator: np.random.Generator,
-) -> bool:
-    return _is_clear(draw_slow_pair(worlds, repetitions, percent, factor, generator))
-
-
 def _test_of_signs_differs(worlds: int, generator: np.random.Generator) -> bool:
     first, second = draw_equal_planners(2, worlds, generator)
     differences = first.values - second.values
     return paired_difference(differences, first.worlds, flips=_FLIPS).p <= ALPHA
-
-
-def _equal_planners_differ(worlds: int, generator: np.random.Generator) -> bool:
-    return _is_clear(draw_equal_planners(2, worlds, generator))
 
 
 def _board_differs(worlds: int, generator: np.random.Generator) -> bool:
@@ -204,13 +164,6 @@ def _board_differs(worlds: int, generator: np.random.Generator) -> bool:
         )
     ranking = rank(planners, larger_is_better=True, flips=_FLIPS)
     return any(ranking.is_clear(*pair) for pair in ranking.p)
-
-
-def _improvement_is_clear(
-    worlds: int, percent: float, generator: np.random.Generator
-) -> bool:
-    percents = (percent, percent)
-    return _is_clear(draw_pair(worlds, 1, percents, 1.0 + _DIFFERENCE, generator))
 
 
 def _drive_plan(
@@ -267,7 +220,7 @@ GROUPS = {
         _COVERS.format("share of at least 0.98"),
         _COVERAGE_AT_LEAST,
         "{0} worlds x {1}, share {3:g}, correlation in a world {2:g}",
-        _high_share_covers,
+        partial(_share_covers, of_failures=True),
         [
             (*size, *setting)
             for size, *setting in product(
@@ -275,18 +228,33 @@ GROUPS = {
             )
         ],
     ),
+    "better": CheckGroup(
+        _COVERS.format("chance that a planner is better in a world"),
+        _COVERAGE_AT_LEAST,
+        "{0} worlds x {1}, chance {3:g}, correlation in a world {2:g}",
+        partial(_share_covers, of_pairs=True),
+        [
+            (*size, 0.3, truth)
+            for size, truth in product(((10, 1), (50, 3)), (0.5, 0.8, 0.95, 0.99))
+        ],
+    ),
     "mean": CheckGroup(
         _COVERS.format("mean that counts failures"),
         _COVERAGE_AT_LEAST,
         _WITH_FAILURES,
-        _mean_covers,
+        lambda worlds, repetitions, percent, generator: _covers(
+            draw_planner(worlds, repetitions, percent, generator).mean(),
+            (1.0 - percent / 100.0) * SCORE,
+        ),
         [(*size, percent) for size, percent in product(_SIZES, (0.5, 3.0, 10.0))],
     ),
     "skewed": CheckGroup(
         _COVERS.format("mean of exponential values"),
         _COVERAGE_AT_LEAST,
         "{0} worlds",
-        _exponential_mean_covers,
+        lambda worlds, generator: _covers(
+            mean_interval(generator.exponential(1.0, worlds), np.arange(worlds)), 1.0
+        ),
         [(10,), (50,)],
     ),
     "filtered": CheckGroup(
@@ -307,14 +275,16 @@ GROUPS = {
         "two planners of equal mean differ clearly, one steady, one quicker that fails",
         _FALSE_ALARMS,
         _WITH_FAILURES,
-        _unlike_planners_differ,
+        lambda worlds, repetitions, percent, generator: _is_clear(
+            draw_pair(worlds, repetitions, (0.0, percent), 1.0, generator)
+        ),
         [(*size, percent) for size, percent in product(_SIZES, (2.0, 5.0))],
     ),
     "slow": CheckGroup(
         "two planners of equal mean differ clearly, one steady, one at times slow",
         _FALSE_ALARMS,
         "{0} worlds x {1}, {2:g} % of times {3:g} times as long",
-        _slow_planner_differs,
+        lambda *setting: _is_clear(draw_slow_pair(*setting)),
         [(50, 1, 2.0, 4.0), (300, 1, 0.5, 5.0), (300, 1, 2.0, 3.0), (300, 3, 1.0, 4.0)],
     ),
     "test": CheckGroup(
@@ -328,7 +298,7 @@ GROUPS = {
         "two equal planners differ clearly",
         _FALSE_ALARMS,
         _ALIKE,
-        _equal_planners_differ,
+        lambda worlds, generator: _is_clear(draw_equal_planners(2, worlds, generator)),
         _WORLDS,
     ),
     "board": CheckGroup(
@@ -342,7 +312,9 @@ GROUPS = {
         f"a difference of {_IMPROVEMENT} is clear",
         _DETECTIONS,
         "{0} worlds x 1, {1:g} % failures",
-        _improvement_is_clear,
+        lambda worlds, percent, generator: _is_clear(
+            draw_pair(worlds, 1, (percent, percent), 1.0 + _DIFFERENCE, generator)
+        ),
         [(50, 0.0), (50, 2.0), (100, 2.0), (100, 5.0), (300, 2.0), (300, 5.0)],
     ),
     "equal builds": _PLAN_GROUP,
