@@ -113,6 +113,20 @@ def test_a_trial_ends_with_its_outcome(workspace):
     assert done.returncode == 0 and (workspace / "page.html").stat().st_size > 10000
 
 
+def test_packages_are_tested_in_the_environment_only(workspace):
+    test = "colcon test --packages-select barn_metrics"
+    activated = ". venv/bin/activate; . install/setup.bash"
+    done = in_terminal(f"{activated}; {test}", workspace)
+    assert "lacks the suite's libraries" in done.stdout
+    assert "Traceback" not in done.stdout
+
+    tools = "pip install --quiet pytest pytest-timeout pytest-xdist hypothesis"
+    words = f"{activated}; {tools}; python -m {test} && colcon test-result"
+    done = in_terminal(words, workspace, timeout=3600)
+    assert done.returncode == 0, done.stdout
+    assert ", 0 errors, 0 failures" in done.stdout
+
+
 def test_without_the_environment_a_launch_fails_in_one_line(workspace):
     venv = Path(workspace, "venv")
     away = venv.rename(workspace / "away")
