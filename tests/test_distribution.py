@@ -30,22 +30,16 @@ def wheel(tmp_path_factory):
     if not git("rev-parse", "HEAD"):
         pytest.skip("this is no repository, so a wheel would have no commit")
     place = tmp_path_factory.mktemp("distribution")
+    clone = place / "clone"
     subprocess.run(
-        ["git", "clone", "--quiet", "--no-hardlinks", str(ROOT), place / "clone"],
-        check=True,
+        ["git", "clone", "--quiet", "--no-hardlinks", str(ROOT), clone], check=True
     )
-    build = [
-        sys.executable,
-        "-m",
-        "pip",
-        "wheel",
-        "--quiet",
-        "--no-deps",
-        "--no-build-isolation",
-        "-w",
-        place,
-    ]
-    subprocess.run([*build, place / "clone"], check=True)
+    # As a release does: an archive of the source, and the wheel of this archive.
+    archive = [sys.executable, "-c", "import build_backend as b; b.build_sdist('..')"]
+    subprocess.run(archive, check=True, cwd=clone)
+    options = ["--quiet", "--no-deps", "--no-build-isolation", "-w"]
+    build = [sys.executable, "-m", "pip", "wheel", *options, place]
+    subprocess.run([*build, *place.glob("*.tar.gz")], check=True)
     (file,) = place.glob("*.whl")
     return zipfile.ZipFile(file)
 
