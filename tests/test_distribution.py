@@ -16,13 +16,9 @@ from barn_eval import __version__
 
 
 def git(*arguments):
-    done = subprocess.run(
-        ["git", "-C", str(ROOT), *arguments],
-        check=False,
-        capture_output=True,
-        text=True,
-    )
-    return done.stdout.split() if done.returncode == 0 else None
+    words = ["git", "-C", ROOT, *arguments]
+    done = subprocess.run(words, check=False, capture_output=True, text=True)
+    return done.stdout.split()
 
 
 @pytest.fixture(scope="module")

@@ -135,6 +135,17 @@ def test_the_footprint_is_that_of_the_robot(nodes):
         assert nodes[costmap]["inflation_layer"]["inflation_radius"] > radius
 
 
+CHOSEN = """required_movement_radius update_frequency width cost_scaling_factor
+time_before_collision simulation_time_step min_points vx_min"""
+
+
+@pytest.mark.parametrize("key", CHOSEN.split())
+def test_a_value_that_differs_from_nav2_bringup_says_so(key):
+    files = [FOLDER / f"params/{name}.yaml" for name in ("common", "mppi")]
+    lines = re.findall(rf"\b{key}: .*", "".join(file.read_text() for file in files))
+    assert lines and all("nav2_bringup has" in line for line in lines)
+
+
 @pytest.mark.parametrize("mode", ["map", "mapless"])
 @pytest.mark.parametrize("name", ["turtlebot4", "husky"])
 def test_another_robot_has_its_own_size_and_limits(name, mode):
