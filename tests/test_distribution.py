@@ -5,12 +5,12 @@ A wheel has all that the five packages have, and knows its commit.
 
 import re
 import subprocess
-import sys
 import zipfile
 from email import message_from_bytes
 
 import pytest
 from test_repository import PACKAGES, ROOT, run_setup
+from waiting import run_python
 
 from barn_eval import __version__
 
@@ -31,11 +31,9 @@ def wheel(tmp_path_factory):
         ["git", "clone", "--quiet", "--no-hardlinks", str(ROOT), clone], check=True
     )
     # As a release does: an archive of the source, and the wheel of this archive.
-    archive = [sys.executable, "-c", "import build_backend as b; b.build_sdist('..')"]
-    subprocess.run(archive, check=True, cwd=clone)
-    options = ["--quiet", "--no-deps", "--no-build-isolation", "-w"]
-    build = [sys.executable, "-m", "pip", "wheel", *options, place]
-    subprocess.run([*build, *place.glob("*.tar.gz")], check=True)
+    run_python("-c", "import build_backend as b; b.build_sdist('..')", cwd=clone)
+    options = ["--quiet", "--no-deps", "--no-build-isolation", "-w", place]
+    run_python("-m", "pip", "wheel", *options, *place.glob("*.tar.gz"))
     (file,) = place.glob("*.whl")
     return zipfile.ZipFile(file)
 
@@ -88,11 +86,5 @@ def test_installed_it_says_its_commit(wheel, tmp_path):
     wheel.extractall(tmp_path / "installed")
     script = "from barn_eval.results.provenance import commit, versions; print(commit(), versions()['barn_sim'])"
     environment = {"PYTHONPATH": str(tmp_path / "installed"), "PATH": "/usr/bin:/bin"}
-    done = subprocess.run(
-        [sys.executable, "-c", script],
-        env=environment,
-        cwd=tmp_path,
-        check=True,
-        capture_output=True,
-    )
-    assert done.stdout.decode().split() == [*git("rev-parse", "HEAD"), __version__]
+    done = run_python("-c", script, env=environment, cwd=tmp_path)
+    assert done.stdout.split() == [*git("rev-parse", "HEAD"), __version__]

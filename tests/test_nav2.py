@@ -9,7 +9,6 @@ import os
 import re
 import runpy
 import shlex
-import subprocess
 import sys
 from pathlib import Path
 
@@ -19,6 +18,7 @@ import yaml
 from launch_files import constant
 from repository import EXAMPLES
 from text_tables import rows_of
+from waiting import run_python
 
 from barn_eval.commands import ab
 from barn_eval.trials.protocol import PROTOCOLS
@@ -422,16 +422,8 @@ def test_each_trial_gets_a_fresh_nav2(with_extra_messages):
         environment["PYTHONPATH"] = os.pathsep.join(
             filter(None, [os.environ.get("PYTHONPATH"), *sys.path])
         )
-        command = [sys.executable, str(script), str(FOLDER / "trial_node.py")]
-        done = subprocess.run(
-            command,
-            check=False,
-            env=environment,
-            capture_output=True,
-            text=True,
-            timeout=600,
-        )
-    assert done.returncode == 0, done.stdout + done.stderr
+        node = FOLDER / "trial_node.py"
+        done = run_python(script, node, env=environment, timeout=600)
     assert done.stdout.splitlines() == [
         "False Nav2 is being brought up",
         "False Nav2 has taken no goal yet",
