@@ -170,9 +170,10 @@ def _(out: Path) -> str:
     drive(out / "run", "gap", "0,30")
     for name in ("barn_eval", "barn_sim", "numpy", "json"):
         (out / f"{name}.py").write_text("raise SystemExit('shadowed')")
-    barn_command = Path(sys.executable).with_name("barn")
+    # In a workspace, it is not beside Python.
+    beside = Path(sys.executable).with_name("barn")
     ended = subprocess.run(
-        [barn_command, "check", "run"],
+        [beside if beside.exists() else "barn", "check", "run"],
         cwd=out,
         capture_output=True,
         text=True,
