@@ -27,7 +27,7 @@ REFUSED = {
 }
 
 
-def in_terminal(command, folder, variables=None, timeout=900):
+def in_terminal(command, folder, timeout=900):
     """Run a command in a fresh shell that has sourced the installation."""
     kept = ("HOME", "PATH", "LANG", "PIP_CERT", "PIP_FIND_LINKS", "NUMBA_CACHE_DIR")
     environment = {name: os.environ[name] for name in kept if name in os.environ}
@@ -35,7 +35,7 @@ def in_terminal(command, folder, variables=None, timeout=900):
     return subprocess.run(
         ["bash", "-c", f". {SETUP}; {command}"],
         cwd=folder,
-        env=environment | (variables or {}),
+        env=environment,
         check=False,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,

@@ -23,7 +23,7 @@ import yaml
 from planners import recorded
 from ros_runs import nothing_left  # noqa: F401 (a fixture)
 from rosbags.rosbag2 import Reader
-from waiting import barn_words, until
+from waiting import barn_words, run_python, until
 
 from barn_eval.results.bags.movers import compute_gaps
 from barn_eval.results.bags.recorded import read_recorded_trial
@@ -385,8 +385,7 @@ def test_nothing_listens_beyond_loopback_or_is_left_running(
 
 def test_malformed_arguments_end_the_evaluator_without_a_traceback():
     words = "barn_eval.ros.evaluator:main --ros-args -p worlds"
-    command = [sys.executable, start.__file__, *words.split()]
-    done = subprocess.run(command, check=False, capture_output=True, text=True)
+    done = run_python(start.__file__, *words.split(), check=False)
     assert done.returncode == ExitCode.REFUSED
     assert "\nevaluator: ROS arguments: " in f"\n{done.stderr}"
     assert "Traceback" not in done.stderr

@@ -3,9 +3,9 @@
 import json
 import shutil
 import subprocess
-import sys
 
 import pytest
+from waiting import run_python
 
 from barn_eval.running import start_nodes
 from barn_eval.running.planner_packages import find_executable, find_packaged
@@ -182,8 +182,8 @@ def test_a_launch_file_that_only_its_execution_tells_is_refused(
 
 def test_the_nodes_of_a_launch_file_end_with_the_first_that_fails():
     commands = [["sleep", "1000"], ["sh", "-c", "exit 7"]]
-    words = [sys.executable, start_nodes.__file__, json.dumps(commands)]
-    assert subprocess.run(words, check=False).returncode == 7
+    words = (start_nodes.__file__, json.dumps(commands))
+    assert run_python(*words, check=False).returncode == 7
 
 
 def test_an_entry_and_a_file_can_be_named(workspace):
