@@ -119,10 +119,7 @@ def test_bases_and_packages_are_pinned(path):
 def test_what_runs_is_no_superuser(path):
     stages_by_name = {stage.name: stage for stage in stages(path)}
     for stage in stages(path)[1:]:
-        runs = bool(
-            stage.all("CMD") or stage.all("ENTRYPOINT") or stage.name == "cluster"
-        )
-        if runs:
+        if stage.all("CMD") or stage.all("ENTRYPOINT") or stage.name == "cluster":
             assert stage.all("USER")[-1] == "10001:10001", stage.name
     last = stages(path)[-1]
     assert last.all("USER") or stages_by_name[last.base].all("USER")

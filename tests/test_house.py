@@ -1,11 +1,10 @@
 """The code stays as small and as readable as it has become."""
 
 import json
-import subprocess
-import sys
 
 import pytest
 from repository import ROOT
+from waiting import run_python
 
 TOOL = ROOT / "qa/checks/house.py"
 UPPER_BOUNDS = {
@@ -33,9 +32,7 @@ ALL_TOKENS = 794_600
 
 @pytest.fixture(scope="module")
 def figures():
-    command = [sys.executable, TOOL, "--json"]
-    output = subprocess.run(command, check=True, capture_output=True).stdout
-    return json.loads(output)
+    return json.loads(run_python(TOOL, "--json").stdout)
 
 
 @pytest.mark.parametrize(

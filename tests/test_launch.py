@@ -4,7 +4,6 @@
 """
 
 import shutil
-import subprocess
 import sys
 
 import pytest
@@ -18,6 +17,7 @@ from launch_files import (
     system_prefix,
 )
 from topics_used import CATALOGUE, topics_of
+from waiting import run_python
 
 from barn_eval.trials.protocol import PROTOCOLS, Protocol, load_protocol
 from barn_eval.trials.ros_config import EvaluatorConfig
@@ -124,11 +124,10 @@ def test_a_node_without_the_libraries_is_refused_in_one_line(shebang, tmp_path):
 @pytest.mark.parametrize("package", NODES)
 def test_a_build_without_the_libraries_is_refused_in_one_line(package):
     script = "import sys; sys.modules['cattrs'] = None; exec(open('setup.py').read())"
-    words = [sys.executable, "-c", script, "install"]
-    place = ROOT / package
-    done = subprocess.run(words, check=False, capture_output=True, cwd=place, env={})
+    words = ("-c", script, "install")
+    done = run_python(*words, check=False, cwd=ROOT / package, env={})
     (line,) = done.stderr.splitlines()
-    assert done.returncode == 1 and b"activate their environment" in line
+    assert done.returncode == 1 and "activate their environment" in line
 
 
 @pytest.mark.parametrize("name", [*NODES.values(), "rviz"])

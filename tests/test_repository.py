@@ -6,8 +6,6 @@ Its version and its checks.
 import json
 import os
 import re
-import subprocess
-import sys
 from collections import Counter
 from importlib import import_module
 from pathlib import Path
@@ -17,6 +15,7 @@ import pytest
 import setuptools  # noqa: F401 -- brings distutils along where Python has none
 import yaml
 from repository import ROOT
+from waiting import run_python
 
 from barn_eval import __version__
 
@@ -185,8 +184,7 @@ def test_a_release_says_what_the_citation_says():
 
 def test_a_tag_is_released_only_with_its_version_and_notes():
     def release(*words):
-        command = [sys.executable, ROOT / "qa/release/release.py", *words]
-        return subprocess.run(command, check=False, capture_output=True, text=True)
+        return run_python(ROOT / "qa/release/release.py", *words, check=False)
 
     assert release("check", f"v{__version__}").returncode == 0
     assert release("notes", __version__).stdout.strip() in text_of("CHANGELOG.md")

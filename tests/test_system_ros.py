@@ -27,7 +27,7 @@ REFUSED = {
 }
 
 
-def in_terminal(command, folder, variables=None, timeout=900):
+def in_terminal(command, folder, timeout=900):
     """Run a command in a fresh shell that has sourced the installation."""
     kept = ("HOME", "PATH", "LANG", "PIP_CERT", "PIP_FIND_LINKS", "NUMBA_CACHE_DIR")
     environment = {name: os.environ[name] for name in kept if name in os.environ}
@@ -35,7 +35,7 @@ def in_terminal(command, folder, variables=None, timeout=900):
     return subprocess.run(
         ["bash", "-c", f". {SETUP}; {command}"],
         cwd=folder,
-        env=environment | (variables or {}),
+        env=environment,
         check=False,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
@@ -111,6 +111,20 @@ def test_a_trial_ends_with_its_outcome(workspace):
     assert json.loads(row)["outcome"] == "success"
     done = launch(workspace, "barn report out --out page.html")
     assert done.returncode == 0 and (workspace / "page.html").stat().st_size > 10000
+
+
+def test_packages_are_tested_in_the_environment_only(workspace):
+    test = "colcon test --packages-select barn_metrics"
+    activated = ". venv/bin/activate; . install/setup.bash"
+    done = in_terminal(f"{activated}; {test}", workspace)
+    assert "lacks the suite's libraries" in done.stdout
+    assert "Traceback" not in done.stdout
+
+    tools = "pip install --quiet pytest pytest-timeout pytest-xdist hypothesis"
+    words = f"{activated}; {tools}; python -m {test} && colcon test-result"
+    done = in_terminal(words, workspace, timeout=3600)
+    assert done.returncode == 0, done.stdout
+    assert ", 0 errors, 0 failures" in done.stdout
 
 
 def test_without_the_environment_a_launch_fails_in_one_line(workspace):

@@ -3,11 +3,10 @@
 import importlib.util
 import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from waiting import run_python
 
 
 @pytest.fixture(scope="session")
@@ -33,8 +32,7 @@ def extra_message_types(tmp_path_factory):
         pytest.skip("neither nav2_msgs nor what builds it is installed")
     folder = tmp_path_factory.mktemp("messages")
     script = Path(__file__).with_name("message_packages.py")
-    command = [sys.executable, str(script), str(folder), *names]
-    built = subprocess.run(command, check=False, capture_output=True, text=True)
+    built = run_python(script, folder, *names, check=False)
     if built.returncode and "Python.h" in built.stderr:
         pytest.skip("the headers of Python are not installed")
     assert not built.returncode, built.stderr

@@ -196,6 +196,8 @@ def find_problem(key, value, folders, *, is_of_node):
     readers = ", ".join(folder.name for folder in folders)
     if not any(reads(folder, key) for folder in folders):
         return f" is not read by {readers}"
+    if any(refuses(folder, key) for folder in folders):
+        return f" is refused by {readers}"
     if is_of_node and not any(is_read_by_node(folder, key) for folder in folders):
         return f" is read by {readers} below a plugin, not here"
     types = set()
@@ -220,6 +222,12 @@ def reads(folder, key):
     """
     last_part = re.escape(key.rpartition(".")[2])
     return re.search(rf"""["'](?:[\w.]*\.)?{last_part}["']""", source(folder))
+
+
+def refuses(folder, key):
+    """Return whether a folder's source throws if a parameter is set."""
+    pattern = rf"""has_parameter\("{re.escape(key)}"\)\)\s*\{{\s*throw"""
+    return re.search(pattern, source(folder))
 
 
 def is_read_by_node(folder, key):

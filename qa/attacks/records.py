@@ -171,8 +171,10 @@ def run_beside_shadows(folder: Path, *words: str) -> str:
     """Run barn where modules have names of those that it imports; return its output."""
     for name in ("barn_eval", "barn_sim", "numpy", "json", "sitecustomize"):
         (folder / f"{name}.py").write_text("raise SystemExit('shadowed')")
+    # In a workspace, it is not beside Python.
+    beside = Path(sys.executable).with_name("barn")
     ended = subprocess.run(
-        [Path(sys.executable).with_name("barn"), *words],
+        [beside if beside.exists() else "barn", *words],
         cwd=folder,
         capture_output=True,
         text=True,

@@ -23,7 +23,7 @@ import yaml
 from planners import recorded
 from ros_runs import nothing_left  # noqa: F401 (a fixture)
 from rosbags.rosbag2 import Reader
-from waiting import barn_words, until
+from waiting import barn_words, run_python, until
 
 from barn_eval.results.bags.movers import compute_gaps
 from barn_eval.results.bags.recorded import read_recorded_trial
@@ -398,8 +398,7 @@ def test_nothing_listens_beyond_loopback_or_is_left_running(
 )
 def test_wrong_arguments_end_the_evaluator_in_a_line(words, problem):
     words = f"barn_eval.ros.evaluator:main {words}"
-    command = [sys.executable, start.__file__, *words.split()]
-    done = subprocess.run(command, check=False, capture_output=True, text=True)
+    done = run_python(start.__file__, *words.split(), check=False)
     assert done.returncode == ExitCode.REFUSED
     assert f"evaluator: {problem}" in done.stderr.replace("[evaluator]:", "evaluator:")
     assert "Traceback" not in done.stderr

@@ -3,9 +3,9 @@
 import json
 import shutil
 import subprocess
-import sys
 
 import pytest
+from waiting import run_python
 
 from barn_eval.running import start_nodes
 from barn_eval.running.planner_packages import find_executable, find_packaged
@@ -186,8 +186,8 @@ def test_a_launch_file_that_only_its_execution_tells_is_refused(
 def test_the_nodes_of_a_launch_file_end_with_the_first_that_fails():
     loud = "trap 'echo ends; exit' TERM; echo begins; while true; do sleep 0.1; done"
     commands = [["sh", "-c", loud], ["sh", "-c", "sleep 1; echo reason; exit 7"]]
-    words = [sys.executable, start_nodes.__file__, json.dumps(commands)]
-    done = subprocess.run(words, check=False, capture_output=True, text=True)
+    words = (start_nodes.__file__, json.dumps(commands))
+    done = run_python(*words, check=False)
     assert (done.returncode, done.stdout) == (7, "begins\nreason\n")
 
 

@@ -6,8 +6,6 @@ What was forged or is hostile does not.
 import hashlib
 import json
 import shutil
-import subprocess
-import sys
 import zipfile
 from functools import partial
 from pathlib import Path
@@ -246,7 +244,7 @@ def test_what_does_not_hold_or_is_not_finished_is_not_submitted(
 
 def test_the_template_board_has_a_page_before_its_first_submission(tmp_path):
     board = Path(shutil.copytree(ROOT / "examples" / "leaderboard", tmp_path / "board"))
-    subprocess.run([sys.executable, board / "build.py"], check=True)
+    run_python(board / "build.py")
     assert "No submission" in (board / "site" / "index.html").read_text()
 
 

@@ -173,6 +173,16 @@ def test_the_node_commands_what_the_planner_commands(
     )
 
 
+def test_a_node_that_compiles_kernels_can_be_interrupted(
+    start_node, monkeypatch, tmp_path
+):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    node = start_node()
+    assert "compiling" in node.process.stdout.readline()
+    code, output = node.stop()
+    assert code == 0 and "planning in frame" not in output
+
+
 def with_pose_of(observation, frame):
     """Return the observation localized, the map-to-odom transform being `frame`."""
     pose = (frame @ observation.odometry.pose).through_quaternion()
