@@ -153,7 +153,13 @@ def survey_course(
     counts = np.bincount(matches[:, 1].astype(int), minlength=len(plan_m))
     covariance = np.asarray(np.linalg.inv(information), np.float64)[first:, first:]
     errors_m = _standard_errors(covariance, centers_m, counts)
-    return Survey(world, centers_m, errors_m, counts, datum)
+    survey = Survey(world, centers_m, errors_m, counts, datum)
+    if (survey.table().unsure != "").all():
+        raise BagError(
+            f"{trial.name}: its scans locate no obstacle of {world.name}; poses must be"
+            " in m, and the drive must be through the course"
+        )
+    return survey
 
 
 def _select_scans(trial: RecordedTrial) -> tuple[Floats, list[int]]:

@@ -91,3 +91,12 @@ def test_scans_of_another_world_are_refused(built):
     other = open_dataset("barn300").load(270)
     with pytest.raises(BagError, match=r"do not fit world_270: \d+% of the returns"):
         barn.worlds.survey(bag, other)
+
+
+@pytest.mark.parametrize("poses_per_m", [1000.0, 100.0])
+def test_poses_in_another_unit_than_m_are_refused(built, poses_per_m):
+    trial = read_recorded_trial(built[1])
+    poses = trial.odometry * [poses_per_m, poses_per_m, 1.0]
+    wrong = replace(trial, frame=ODOM, poses=poses, odometry=poses)
+    with pytest.raises(BagError, match="locate no obstacle of world_120; poses must"):
+        survey_course(wrong, PLAN, START, 0.02)

@@ -189,5 +189,6 @@ def read_numbers(text: str | None, count: int, where: str) -> list[float]:
     numbers = [parse_number(word) for word in (text or "").split()]
     # NaN fails the comparison.
     if len(numbers) != count or not all(abs(number) < 1e6 for number in numbers):
-        raise WorldError(f"{where} must be {count} finite numbers, got {text!r:.60}")
+        allowed = "a finite number" if count == 1 else f"{count} finite numbers"
+        raise WorldError(f"{where} must be {allowed}, got {text!r:.60}")
     return numbers

@@ -344,7 +344,7 @@ EXTERNAL = b'<!DOCTYPE x [<!ENTITY f SYSTEM "file:///etc/passwd">]><sdf><world>&
             document("<model name='m'>" * 2000 + "</model>" * 2000),
             "models are nested too deep",
         ),
-        (one_model(radius=""), "radius must be 1 finite numbers, got ''"),
+        (one_model(radius=""), "radius must be a finite number, got ''"),
         (one_model(radius="-1"), "radius and length must be above 0"),
         (
             one_model(radius="0.001"),
