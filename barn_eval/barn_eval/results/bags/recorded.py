@@ -272,7 +272,7 @@ def _read_items(
     Args:
         bag: The bag.
         choice: Meaning of its topics.
-        unreadable: Receives a text for each topic that cannot be shown.
+        unreadable: Receives a text for each topic that cannot be shown whole.
     """
     messages: dict[str, list[tuple[int, str, Any]]] = {path: [] for path in TOPICS}
     for message in bag.messages(choice.paths):
@@ -283,12 +283,16 @@ def _read_items(
         if type_name not in TOPICS[topic]:
             text = f"{topic} is left out because its type is {type_name or 'unknown'}"
             unreadable.setdefault(topic, text)
-        if topic in unreadable or (topic in _CONSTANT and messages[topic]):
+            continue
+        if topic in _CONSTANT and messages[topic]:
             continue
         try:
             frame, content = decode.frame_and_content(topic, type_name, message.data)
-        except BarnError as error:  # only its topic is lost
-            unreadable[topic] = f"{topic} cannot be decoded ({format_error(error)})"
+        except BarnError as error:  # only this message is lost
+            text = (
+                f"{topic} has messages that cannot be decoded ({format_error(error)})"
+            )
+            unreadable.setdefault(topic, text)
             continue
         messages[topic].append((message.stamp_ns, frame, content))
 

@@ -211,6 +211,9 @@ def test_a_foreign_bag_in_sqlite_with_odometry_alone_is_replayed(bag, tmp_path):
         wrong = writer.add_connection("/map", "std_msgs/msg/String", typestore=types)
         message = make_message("std_msgs/msg/String", data=EVIL)
         writer.write(wrong, 0, serialize(message))
+        lost = make_message("nav_msgs/msg/Odometry")
+        lost.pose.pose.position.x = math.nan
+        writer.write(odometry, 1, serialize(lost))
         for _, stamp, data in messages_on(reader, "/odom"):
             writer.write(odometry, stamp, data)
     recorded = read_recorded_trial(path)
@@ -218,6 +221,7 @@ def test_a_foreign_bag_in_sqlite_with_odometry_alone_is_replayed(bag, tmp_path):
     notes = " ".join(recorded.notes)
     assert "positions are from the odometry" in notes
     assert "/map is left out because its type is std_msgs/msg/String" in notes
+    assert "/odom has messages that cannot be decoded (values that are not" in notes
     assert len(recorded.times_s) == len(read_recorded_trial(bag).times_s)
 
 
