@@ -197,7 +197,8 @@ class ResultsFolder:
         # and the trial runs again.
         self._rows.append(record.result)
         self._completed_ids.add(trial_id)
-        if record.result.wall_clock.attempts == 1:
+        # A trial without a score runs again, which is a second attempt.
+        if record.result.wall_clock.attempts == 1 and _scored([record.result]):
             (self.path / LOSSES / f"{trial_id}.txt").unlink(missing_ok=True)
 
     def write_note(self, kind: str, trial_id: str, text: str) -> None:

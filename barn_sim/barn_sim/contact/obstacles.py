@@ -288,6 +288,7 @@ class Obstacles:
             vertical, infinite for the others; and the others (m, 7). Hidden ones are
             left out.
         """
+        # Each scan asks, and most cylinders are never touched.
         if self.undisturbed:
             return self._visible_homes, _NOTHING_TILTED
         displaced = np.flatnonzero(self._displaced & ~self._hidden)

@@ -145,7 +145,7 @@ def _is_finite(odometry: Odometry) -> bool:
 def _take_message(
     drive: ObservedDrive, choice: TopicChoice, message: RawMessage
 ) -> None:
-    """Add a message's content to a drive; note it if that is not plausible."""
+    """Add a message's content to a drive; if it cannot be decoded, only note that."""
     topic = choice.paths.get(message.topic, "")
     items = {
         topics.GOAL_POSE.path: drive.goals,
