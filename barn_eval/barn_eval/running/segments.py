@@ -19,7 +19,7 @@ from barn_eval.trials.trial import (
     doubt_poses,
     finish_trial,
 )
-from barn_worlds.base.arrays import Floats, side_lengths
+from barn_worlds.base.arrays import Floats, side_lengths, unit_vectors
 from barn_worlds.base.errors import BagError
 from barn_worlds.base.files import as_mapping
 from barn_worlds.base.types import (
@@ -372,8 +372,7 @@ def _scan_clearances(
         if not is_hit.any() or abs(angles[-1] - angles[0]) < _NARROWEST_SCAN_RAD:
             continue
         ranges = scan.ranges[is_hit].astype(np.float64)
-        bearings = angles[is_hit]
-        points = np.column_stack([ranges * np.cos(bearings), ranges * np.sin(bearings)])
+        points = ranges[:, None] * unit_vectors(angles[is_hit])
         x, y = mounts[logged.frame].transform(points).T
         index = drive.index_at(logged.log_ns)
         distances_m = spec.outline.distances(x, y)

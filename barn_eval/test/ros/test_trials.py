@@ -35,7 +35,7 @@ from barn_eval.trials.protocol import CHALLENGE, DYNABARN, PAPER_2020
 from barn_eval.trials.result import Outcome
 from barn_eval.trials.run_config import RunConfig
 from barn_eval.trials.spec import simulator_config
-from barn_worlds.base.arrays import COMPILING_NOTE
+from barn_worlds.base.arrays import COMPILING_NOTE, unit_vectors
 from barn_worlds.base.errors import ExitCode
 from barn_worlds.base.types import Pose2D
 from barn_worlds.geometry.bodies import wall_bodies
@@ -140,7 +140,7 @@ def test_a_free_running_trial_meets_movers_where_scans_do(tmp_path):
         is_hit = np.isfinite(item.content.ranges)
         angles = item.content.angles()[is_hit]
         ranges = item.content.ranges[is_hit].astype(float)
-        ends = np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles)])
+        ends = ranges[:, None] * unit_vectors(angles)
         hits = (robot @ bag.lidar).transform(ends)
         points = np.column_stack([hits, np.zeros(len(hits))])
         place = tracks.at(spec.phase_s + item.time_s)[0]

@@ -344,6 +344,16 @@ def test_a_trial_that_breaks_a_run_off_has_had_an_attempt(tmp_path, config, spec
     assert attempts == [1, 2, 1, 1, 1, 1, 1, 1]
 
 
+def test_a_trial_without_a_score_has_had_an_attempt(tmp_path, config, specs):
+    def fail(key, attempt, done):
+        row = replace(done.result.result, fault="environment")
+        return replace(done, result=replace(done.result, result=row))
+
+    run(tmp_path, config, specs, Scripted(fate=fail))
+    run(tmp_path, config, specs, Scripted())
+    assert {row.wall_clock.attempts for row in read_results(tmp_path)} == {2}
+
+
 def test_a_trial_whose_folder_was_moved_has_had_an_attempt(tmp_path, config, specs):
     out = tmp_path / "out"
 

@@ -16,6 +16,7 @@ from barn_sim.motion import robot_motion
 from barn_sim.seeds import phase_s
 from barn_sim.sensors.lidar import NO_SHAPES, Lidar
 from barn_sim.simulator import Simulator
+from barn_worlds.base.arrays import unit_vectors
 from barn_worlds.base.types import Pose2D, Velocity2D
 from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.datasets.generate_motion import add_motion, motion_class
@@ -98,7 +99,7 @@ def test_rays_agree_with_a_plain_reference(seed, count):
     scan = Lidar(config, rng).scan(0, pose, np.empty((0, 2)), 0.1, NO_SHAPES, shapes)
     sensor = pose @ Pose2D(config.mount_x_m, 0.0, 0.0)
     angles = scan.angles() + sensor.yaw
-    beams = np.column_stack([np.cos(angles), np.sin(angles)])
+    beams = unit_vectors(angles)
     origin = np.array([sensor.x, sensor.y])
     expected = np.full(len(beams), np.inf)
     for k, beam in enumerate(beams):

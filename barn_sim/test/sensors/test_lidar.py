@@ -12,6 +12,7 @@ from barn_sim.config import PRESETS, LidarConfig
 from barn_sim.contact.bullet import bullet, connect, disconnect
 from barn_sim.sensors.lidar import Lidar
 from barn_sim.sensors.ray_casting import ROUGH_RAD, rough_angle
+from barn_worlds.base.arrays import unit_vectors
 from barn_worlds.base.types import Pose2D, wrap_angle
 
 QUIET = LidarConfig(noise_m=0.0)
@@ -26,7 +27,7 @@ def reference(pose, scan, mount_x, centers, radius):
     """Every beam against every circle, by the quadratic equation, in float64."""
     sensor = pose @ Pose2D(mount_x, 0.0, 0.0)
     angles = scan.angles() + sensor.yaw
-    beams = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    beams = unit_vectors(angles)
     to_centre = centers - [sensor.x, sensor.y]
     along = beams @ to_centre.T
     square = (to_centre**2).sum(axis=1) - radius**2
@@ -118,7 +119,7 @@ def test_tilted_cylinders_agree_with_the_rays_of_pybullet():
 def test_limits_hold_after_the_noise():
     config = LidarConfig(beams=720, noise_m=0.05, range_max_m=2.0, mount_x_m=0.0)
     angles = np.arange(0, 6.28, 0.05)
-    ring = 2.075 * np.column_stack([np.cos(angles), np.sin(angles)])
+    ring = 2.075 * unit_vectors(angles)
     ranges = lidar(config).scan(0, Pose2D(0.0, 0.0, 0.0), ring, 0.075).ranges
     finite = ranges[np.isfinite(ranges)]
     assert finite.max() <= np.float32(2.0)

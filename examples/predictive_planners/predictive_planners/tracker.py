@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from barn_planners.interface import FloatArray, Observation
+from barn_worlds.base.arrays import side_lengths, unit_vectors
 from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Pose2D
 
@@ -150,7 +151,7 @@ class Tracker:
         points = observation.odometry.pose.transform(np.stack([x, y], axis=1))
 
         # A cluster ends where the next return is far away or beams returned nothing.
-        distances = np.hypot(*np.diff(points, axis=0).T)
+        distances = side_lengths(points)
         is_split = (distances > config.split_m) | (np.diff(beams) > 2)
         circles = []
         for cluster in np.split(points, np.flatnonzero(is_split) + 1):
@@ -231,7 +232,7 @@ def meeting_distances(
     """
     # Seen from the robot, a disc moves along a line. It is met where its distance
     # equals the sum of the radii: the first solution of a quadratic equation.
-    units = np.stack([np.cos(directions), np.sin(directions)], axis=1)[:, None, :]
+    units = unit_vectors(directions)[:, None, :]
     motion_per_m = discs[None, :, 2:4] / speed_mps - units
     offset = discs[None, :, :2]
     a = (motion_per_m**2).sum(axis=2)

@@ -19,6 +19,7 @@ from predictive_planners.tracker import (
 from barn_planners.interface import Observation, PlannerStatus, Task
 from barn_planners.registry import make_planner
 from barn_planners.robots import fit_parameters
+from barn_worlds.base.arrays import unit_vectors
 from barn_worlds.base.types import STOP, Odometry, Pose2D, Scan
 from barn_worlds.robots.files import load_robot
 
@@ -78,7 +79,7 @@ def test_a_circle_is_found_from_an_arc_of_it(seed):
     center = rng.uniform(-5.0, 5.0, 2)
     radius = rng.uniform(0.1, 2.0)
     angles = rng.uniform(0.0, 6.0) + np.linspace(0.0, rng.uniform(0.5, 3.0), 20)
-    directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    directions = unit_vectors(angles)
     points = center + radius * directions
     fitted_center, radius_m, roundness = fit_circle(points)
     assert fitted_center == pytest.approx(center, abs=1e-6)

@@ -26,6 +26,7 @@ from barn_eval.results.bags.recorder import Recorder
 from barn_eval.results.bags.sources import Sources
 from barn_eval.trials.protocol import DYNABARN, PAPER_2020
 from barn_planners.runtime.messages import MAX_CANDIDATES
+from barn_worlds.base.arrays import side_lengths
 from barn_worlds.base.errors import BagError
 from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Pose2D
 from barn_worlds.datasets.dataset import open_dataset
@@ -283,7 +284,7 @@ def test_progress_is_along_the_path_and_never_back(bag):
     scene = recorded.scene
     ends = [[pose.x, pose.y] for pose in (scene.start, scene.goal)]
     whole = np.vstack([ends[0], scene.path_m, ends[1]])
-    length_m = np.hypot(*np.diff(whole, axis=0).T).sum()
+    length_m = side_lengths(whole).sum()
     assert length_m - scene.goal_distance_m - 0.1 < along_m[-1] < length_m + 1e-9
     back = replace(recorded, poses=recorded.poses[::-1].copy())
     assert np.ptp(progress_m(back)) == pytest.approx(0.0, abs=0.05)
