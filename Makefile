@@ -70,7 +70,7 @@ mutation: install $(VENV)/tools
 coverage: extras
 	PATH=$(BIN):$$PATH ./qa/checks/coverage.sh
 
-# how fast the suite is; fails for a figure that is 10 % slower than last time, else this result replaces that one; about
+# how fast the suite is; fails for a figure that is 10% slower than last time, else this result replaces that one; about
 # four minutes, on a machine with nothing else to do
 bench-check: extras
 	mkdir -p $(dir $(BENCH))

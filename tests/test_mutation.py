@@ -80,7 +80,7 @@ def test_good_tests_kill_and_weak_tests_are_found_out(tmp_path):
         "from barn_eval.trials.seeds import planner_seed\ndef test(): assert planner_seed(1, 1, 1, 'dwa') > 0\n"
     )
     sample = ("trials.seeds", "--sample", 5, "--seed", 2)
-    summary = "5 mutants, 5 killed, 0 survived (100.0 %)"
+    summary = "5 mutants, 5 killed, 0 survived (100.0%)"
     assert run(*sample) == (0, {"summary": summary, "survivors": []})
     code, report = run(*sample, "--tests", weak)
     assert code == 1

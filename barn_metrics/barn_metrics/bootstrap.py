@@ -89,7 +89,7 @@ def bootstrap_interval(
     percentile: bool = False,
     resamples: int = RESAMPLES,
 ) -> Interval:
-    """Return a statistic with 95 % bootstrap limits, None if worlds are too alike.
+    """Return a statistic with 95% bootstrap limits, None if worlds are too alike.
 
     Args:
         statistic: Function of places of worlds (..., n), 0 to worlds - 1.

@@ -117,7 +117,7 @@ def test_numbers_have_no_signed_zero_and_none_is_a_dash():
 def test_an_interval_is_written_with_its_limits():
     interval = Interval(0.51234, 0.4, 0.6)
     assert interval.text(3) == "0.512 [0.400, 0.600]"
-    assert interval.scale(100.0).text(0, " %") == "51 % [40, 60]"
+    assert interval.scale(100.0).text(0, "%") == "51% [40, 60]"
     assert Interval(-0.001, -0.002, 0.0).text() == "0.00 [0.00, 0.00]"
     assert (Interval(2.0).text(1), Interval(math.nan).text()) == ("2.0", "-")
     assert Interval(2.0).scale(3.0) == Interval(6.0)

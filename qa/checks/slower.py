@@ -1,4 +1,4 @@
-"""Fail if a result of `barn bench --against` has a figure that became 10 % worse."""
+"""Fail if a result of `barn bench --against` has a figure that became 10% worse."""
 
 import argparse
 import json

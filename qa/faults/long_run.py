@@ -7,7 +7,7 @@ These are memory, handles, threads and files.
 One worker drives to a goal 2 m ahead, which takes about 2 s simulated; over ROS each
 trial is recorded as well, and the bags of successes are removed again. What the
 processes use is sampled by finished trials. A quantity is flat if from the first tenth
-of the run to its end it grows by less than is allowed below, with 97.5 % confidence.
+of the run to its end it grows by less than is allowed below, with 97.5% confidence.
 The uncertainty is that of a line through the means of 20 blocks of samples;
 neighbouring samples are not independent, blocks nearly are.
 """
@@ -53,7 +53,7 @@ _END_S = 60.0  # that processes have to end after their campaign has
 
 @dataclass(frozen=True)
 class Growth:
-    """How a quantity changes per 1000 trials, with the half-width of its 95 % interval.
+    """How a quantity changes per 1000 trials, with the half-width of its 95% interval.
 
     `flat` as above.
     """

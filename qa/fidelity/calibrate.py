@@ -6,7 +6,7 @@ The figures of docs/fidelity.md.
     ../shared/barn_original/trials.csv --figure scatter.png
 
 FOLDERs hold runs or campaigns. A published time of 30.000 s, or of 50 s and more, is a
-failure that counts with it. Intervals are of 95 %, over worlds. The figure has our mean
+failure that counts with it. Intervals are of 95%, over worlds. The figure has our mean
 times over the published ones, world by world.
 """
 

@@ -31,7 +31,7 @@ FIGURES = (".png", ".svg", ".pdf")  # what the scatter can be written as
 
 @dataclass(frozen=True)
 class Side:
-    """What ours and the published trials have each; intervals are of 95 %.
+    """What ours and the published trials have each; intervals are of 95%.
 
     trials, failure_share: with failures counted. normalised_s_per_m: mean over all
     trials, failures as they count. successes_s_per_m: mean over the successful trials,

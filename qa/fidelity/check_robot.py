@@ -5,7 +5,7 @@ The theory is the planar model of `planar.py`.
     python qa/fidelity/check_robot.py turtlebot4
     python qa/fidelity/check_robot.py mine.yaml --json
 
-The exit code is 1 if a speed, a yaw rate or a distance is more than 3 % off, or if the
+The exit code is 1 if a speed, a yaw rate or a distance is more than 3% off, or if the
 file describes no robot.
 """
 
@@ -203,7 +203,7 @@ def show(robot: Robot, driven: list[Measured]) -> None:
     for measurement in driven:
         demand = "" if measurement.asked is None else f"{measurement.asked:.3f}"
         deviation = (
-            f"{100 * measurement.deviation:+.1f} %{'' if measurement.passed else ' !'}"
+            f"{100 * measurement.deviation:+.1f}%{'' if measurement.passed else ' !'}"
         )
         numbers = (
             demand,
@@ -225,7 +225,7 @@ def show(robot: Robot, driven: list[Measured]) -> None:
         else "drives as theory says"
     )
     click.echo(
-        f"{robot.name} {verdict}: at most {100 * worst:.1f} % off, {100 * LARGEST_DEVIATION:g} % allowed"
+        f"{robot.name} {verdict}: at most {100 * worst:.1f}% off, {100 * LARGEST_DEVIATION:g}% allowed"
     )
 
 

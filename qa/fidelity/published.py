@@ -4,7 +4,7 @@
 
 A row per world: `world`, `path_length_m` and columns PLANNER_1, PLANNER_2, ... of times
 in seconds. The worlds are in the folder of the table. The shipped weights are judged
-beside ridge regression on the five metrics in worlds held out; intervals are of 95 %,
+beside ridge regression on the five metrics in worlds held out; intervals are of 95%,
 over worlds.
 """
 

@@ -336,7 +336,7 @@ def row(name: str, cycles: Sequence[Cycle]) -> str:
         sum(cycle.band for cycle in cycles) / count,
     ]
     return f"{name:18} {len(cycles):6}" + "".join(
-        f"{100 * part:8.1f} %" for part in equal
+        f"{100 * part:8.1f}%" for part in equal
     )
 
 

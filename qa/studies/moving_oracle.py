@@ -359,7 +359,7 @@ def starts(dataset: str, worlds: str, limit: float) -> None:
         ]
         share = np.isfinite(hits).mean()
         if share > 0.0:
-            click.echo(f"world {number}: in {100.0 * share:.0f} % of the phases")
+            click.echo(f"world {number}: in {100.0 * share:.0f}% of the phases")
 
 
 if __name__ == "__main__":

@@ -144,7 +144,7 @@ class Computing:
 
 
 def computing_of(results: Rows) -> Computing:
-    """Return the compute modes, and the computer speed that 90 % of the rows do with."""
+    """Return the compute modes, and the computer speed that 90% of the rows do with."""
     # Rows of one planner may differ if a folder was resumed with another option.
     names = set(column(results, "compute").tolist()) - {""}
     modes = {COMPUTE_MODE_LABELS[name] for name in names}

@@ -394,7 +394,7 @@ def sweep_table(board: Board) -> TextTable:
     headings = [measure.heading for measure in measures]
     columns = ("planner", *parameters, "against the best", *headings)
     caption = (
-        f"Ranked by {board.measure.title}, with 95 % intervals. All pairs of settings are"
+        f"Ranked by {board.measure.title}, with 95% intervals. All pairs of settings are"
         " tested, adjusted by Holm. Level: not clearly worse than the best."
     )
     texts = 2 + len(parameters)

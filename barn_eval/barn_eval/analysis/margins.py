@@ -71,7 +71,7 @@ class MarginTest:
 
     high: float | None
 
-    # "not worse" if the 95 % interval of the loss lies within the margin, "worse" if it
+    # "not worse" if the 95% interval of the loss lies within the margin, "worse" if it
     # lies beyond the margin, else "not shown".
     decision: Decision
 

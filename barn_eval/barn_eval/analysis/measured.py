@@ -28,7 +28,7 @@ _Groups = dict[tuple[str, str], list[TrialResult]]
 def pair_by_world(measured: Sequence[Entry], simulated: Sequence[Entry]) -> TextTable:
     """Return a table of times per planner and shared world, and means; ConfigError if none.
 
-    The last row of each planner has the mean difference over its worlds, with its 95 %
+    The last row of each planner has the mean difference over its worlds, with its 95%
     interval. Worlds with equal obstacles are the same.
 
     Args:

@@ -108,8 +108,8 @@ class Measure:
 
     @property
     def after(self) -> str:
-        """Unit as text after a value, with a leading space; empty without a unit."""
-        return " %" if self.percent else f" {self.unit}".rstrip()
+        """Unit as text after a value, with a space unless it is %; empty without a unit."""
+        return "%" if self.percent else f" {self.unit}".rstrip()
 
     def values(self, results: Rows) -> Floats:
         """Return a value per result (n,); NaN if missing or, with `successes_only`, failed."""

@@ -72,7 +72,7 @@ class Need:
     """Either "half_width" or "difference"."""
 
     wanted: float
-    """Half the width of the 95 % interval of a mean, or a difference to detect.
+    """Half the width of the 95% interval of a mean, or a difference to detect.
 
     A difference is detected in 8 of 10 runs.
     """
@@ -111,8 +111,8 @@ def estimate_precision(
     Args:
         results: Results by planner. With two planners, their difference is estimated.
         width: Half the width that the interval of a mean may have, in the unit of the
-            measure. Default: 5 % of the mean.
-        size: Difference to detect, in the unit of the measure. Default: 5 % of the first
+            measure. Default: 5% of the mean.
+        size: Difference to detect, in the unit of the measure. Default: 5% of the first
             mean.
         measure_key: Key of the measure. Default: the ranking measure.
         repetitions: Trials per world. By default, several numbers are tried.
@@ -191,7 +191,7 @@ def figures_table(precision: Precision) -> TextTable:
     columns = (
         "",
         measure.heading,
-        "95 %",
+        "95%",
         "variance between worlds",
         "within a world",
         "trials in worlds",

@@ -61,7 +61,7 @@ def decide(
     """Test B against A at each look; return the first that decides, or the last one.
 
     A look decides if its sum of differences exceeds a bound that equal planners reach in
-    at most 5 % of all comparisons, at this look or an earlier one, and if failures that
+    at most 5% of all comparisons, at this look or an earlier one, and if failures that
     did not occur would not change the sign.
 
     Args:

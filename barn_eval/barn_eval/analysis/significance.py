@@ -129,7 +129,7 @@ class Share:
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Lower and upper 95 % limits (Clopper and Pearson 1934)."""
+        """Lower and upper 95% limits (Clopper and Pearson 1934)."""
         successes = self.share * self.effective
         failures = self.effective - successes
         low = 0.0
@@ -174,7 +174,7 @@ def share_of(values: Floats | Integers, worlds: Integers) -> Share:
 
 
 def proportion(successes: Integers, worlds: Integers) -> Interval:
-    """Return the share of 1s and Wilson's 95 % limits, which are None below two worlds.
+    """Return the share of 1s and Wilson's 95% limits, which are None below two worlds.
 
     The quantile is Student's with one degree of freedom fewer than worlds (Franco et
     al. 2019, "Comparative study of confidence intervals for proportions in complex

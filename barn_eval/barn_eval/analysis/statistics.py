@@ -167,7 +167,7 @@ def mean_interval(values: Floats, worlds: Integers) -> Interval:
 
 
 def _limit_distances(residuals: Floats) -> tuple[float, float]:
-    """Return how far the 95 % limits lie (below, above) an estimate, by its skewness.
+    """Return how far the 95% limits lie (below, above) an estimate, by its skewness.
 
     Args:
         residuals: Contribution of each world to the error of the estimate (m,), m > 1.

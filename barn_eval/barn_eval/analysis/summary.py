@@ -45,7 +45,7 @@ _JSON_NAMES = {"success": "success_rate", "traversal_time_s": "success_time_s"}
 
 @dataclass(frozen=True)
 class Summary:
-    """Figures of one planner's trials; intervals are of 95 %."""
+    """Figures of one planner's trials; intervals are of 95%."""
 
     planner: str
 

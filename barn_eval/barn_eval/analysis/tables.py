@@ -80,7 +80,7 @@ def ranked_table(run: RunSummary) -> TextTable:
     headings = ("rank", "planner", "success [%]", "time [s]", run.measure.heading)
     notes = []
     if has_intervals:
-        notes.append("[low, high]: 95 % interval")
+        notes.append("[low, high]: 95% interval")
     notes.append("time: mean of successes; clearance: mean of each trial's smallest")
     rest = len(ranking.names) - len(rows)
     if rest:
@@ -155,7 +155,7 @@ def headline_table(
 
     headings = [shown.heading for shown in measures]
     columns = ("planner", "trials in worlds", *headings, SPREAD)
-    title = "Success, time and scores with 95 % intervals"
+    title = "Success, time and scores with 95% intervals"
     return TextTable("headline", title, columns, tuple(rows))
 
 
@@ -172,7 +172,7 @@ def measures_table(summaries: Sequence[Summary], keys: Sequence[str]) -> TextTab
         cells = [measure.text(summary[key]) for summary in summaries]
         rows.append((measure.heading, *cells))
     labels = [summary.label for summary in summaries]
-    title = "Measures: mean and 95 % interval"
+    title = "Measures: mean and 95% interval"
     return TextTable("measures", title, ("measure", *labels), tuple(rows))
 
 
@@ -192,7 +192,7 @@ def summary_table(summaries: Sequence[Summary]) -> TextTable:
     return TextTable(
         "summary",
         f"{trials} in {count_noun(worlds, 'world')}",
-        ("mean and 95 % interval", *measures.columns[1:]),
+        ("mean and 95% interval", *measures.columns[1:]),
         rows,
         caption=". ".join(note for note in notes if note),
     )
@@ -234,7 +234,7 @@ def bands_table(bands: Sequence[Band]) -> TextTable:
 
     headings = [measure.heading for measure in measures]
     columns = ("band", "planner", "trials", *headings)
-    title = "Success and time by difficulty band, 95 % intervals"
+    title = "Success and time by difficulty band, 95% intervals"
     return TextTable("bands", title, columns, tuple(rows), texts=2)
 
 
@@ -274,7 +274,7 @@ def comparison_table(comparison: Comparison, name: str = "comparison") -> TextTa
         "measure",
         a,
         b,
-        "difference and 95 % interval",
+        "difference and 95% interval",
         p_heading,
         f"P({a} is better)",
         "pairs of trials",

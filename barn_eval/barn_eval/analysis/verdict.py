@@ -377,7 +377,7 @@ def _possible_failures(ranking: Ranking, places: Iterable[int]) -> str:
         # If all trials failed, no more failures are possible.
         if share and share.high and share.estimate < 1.0:
             percent = number(100.0 * share.high, 1)
-            limits.append(f"{percent} % of {ranking.names[place]}'s")
+            limits.append(f"{percent}% of {ranking.names[place]}'s")
     if not limits:
         return ""
     return f" Failures in up to {join_names(limits)} trials cannot be ruled out."
@@ -426,7 +426,7 @@ def _difference_text(
     if measure.percent or mean == 0.0:
         return text
     percent = number(100.0 * size.estimate / abs(mean), 1)
-    return f"{text} or {percent} % of {other}'s"
+    return f"{text} or {percent}% of {other}'s"
 
 
 def _value_text(measure: Measure, value: float) -> str:

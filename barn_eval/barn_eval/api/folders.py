@@ -65,7 +65,7 @@ def compare(a: Folder, b: Folder) -> pd.DataFrame:
     Returns:
         A row per pair and measure: a, b, measure (a column of `table`), unit, mean_a,
         mean_b, difference (a - b) with the limits difference_low and difference_high of
-        its 95 % interval over worlds, p (of the test that both are alike), p_holm (the
+        its 95% interval over worlds, p (of the test that both are alike), p_holm (the
         same, adjusted by Holm for all pairs), p_a_better (probability that a trial of a
         is better than one of b in the same world), worlds, trials.
 

@@ -147,7 +147,7 @@ class Results:
 
     @cached_property
     def summary(self) -> pd.DataFrame:
-        """DataFrame with a row per planner: means and limits of 95 % intervals.
+        """DataFrame with a row per planner: means and limits of 95% intervals.
 
         Columns: planner, trials, worlds, and for each of success (share),
         traversal_time_s (of successes), scored_time_s, normalised_time_s_per_m,
@@ -215,10 +215,10 @@ class Results:
         """Estimate from these trials how many worlds an interval or difference needs.
 
         Args:
-            half_width: Half the 95 % interval of a mean, in the unit of the measure.
-                Default: 5 % of the mean.
+            half_width: Half the 95% interval of a mean, in the unit of the measure.
+                Default: 5% of the mean.
             difference: Difference between two planners to detect in 8 of 10 runs, in the
-                unit of the measure. Default: 5 % of the first one's mean.
+                unit of the measure. Default: 5% of the first one's mean.
             planners: Names of one or two planners. Default: all.
             measure: A column of `table`. Default: the ranking measure.
             repetitions: Trials per world. Default: 1, 2, 3, 5 and 10.

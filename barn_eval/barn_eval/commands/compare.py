@@ -73,7 +73,7 @@ def command(
     planners and you select none, planners of the same name are compared.
 
     With --fail-if-worse, the exit code is 4 if B is worse than A by more than a margin.
-    It is 5 if the data do not show with 95 % confidence whether B is worse.
+    It is 5 if the data do not show with 95% confidence whether B is worse.
     """
     measures = require_measures(split_names(columns))
     margins = [Margin.parse(text) for text in margin_texts]
@@ -126,12 +126,12 @@ _ABOVE_ZERO = click.FloatRange(0.0, min_open=True)
 @click.option(
     "--half-width",
     type=_ABOVE_ZERO,
-    help="Target half-width of the 95 % interval of a mean [default: 5 % of the mean].",
+    help="Target half-width of the 95% interval of a mean [default: 5% of the mean].",
 )
 @click.option(
     "--difference",
     type=_ABOVE_ZERO,
-    help="Difference between two planners to detect in 8 of 10 runs [default: 5 % of the first planner's mean].",
+    help="Difference between two planners to detect in 8 of 10 runs [default: 5% of the first planner's mean].",
 )
 @click.option(
     "--measure",

@@ -108,12 +108,12 @@ def _default_caption(groups: RowsByPlanner) -> str:
     else:
         trials = f"{count_noun(len(results) // worlds, 'trial')} each"
     text = (
-        f"Means with 95 % intervals over {count_noun(worlds, 'world')} of "
+        f"Means with 95% intervals over {count_noun(worlds, 'world')} of "
         f"{results[0].dataset}, {trials}, protocol {results[0].protocol}."
     )
     if len(groups) > 1:
         text += (
             " Bold: the best, and those not clearly worse "
-            "(test over worlds, 5 %, after Holm)."
+            "(test over worlds, 5%, after Holm)."
         )
     return text

@@ -239,7 +239,7 @@ def _summarize(results: Rows, metric: str) -> str:
     """Return the share of successes as text, with a mean score if all rows have it."""
     success_percent = 100.0 * mean(row.scores.success for row in results)
     values = [getattr(row.scores, metric) for row in results]
-    text = f"success {success_percent:.0f} %"
+    text = f"success {success_percent:.0f}%"
     # The efficiency has no value where its bound is not computed.
     if None not in values:
         text += f", mean {metric} metric {mean(values):.3f}"

@@ -172,7 +172,7 @@ class _LiveTable(Progress):
             grid = Table.grid(padding=(0, 2))
             grid.add_row("planner", "trials", "success", "score")
             for name, tally in tallies.items():
-                success = f"{100.0 * tally.successes / tally.trials:.0f} %"
+                success = f"{100.0 * tally.successes / tally.trials:.0f}%"
                 score = f"{tally.score_sum / tally.trials:.3f}"
                 grid.add_row(name, str(tally.trials), success, score)
             yield grid

@@ -101,7 +101,7 @@ class PhysicalFinding:
 
 
 def fit_line(x: Floats, y: Floats) -> Line:
-    """Fit y over x by least squares, with 95 % limits; ConfigError below three points.
+    """Fit y over x by least squares, with 95% limits; ConfigError below three points.
 
     The standard error is the larger of the ordinary one and HC3, which allows for
     scatter that grows with x. Limits use Student's t with n - 2 degrees of freedom. A
@@ -242,7 +242,7 @@ def _noise_share(line: Line, worlds: Sequence[WorldDifficulty]) -> float | None:
 
 
 def _student_quantile(points: int) -> float:
-    """Return the 97.5 % quantile of Student's t for a line through that many points."""
+    """Return the 97.5% quantile of Student's t for a line through that many points."""
     return t_quantile(0.5 + 0.5 * LEVEL, points - 2)
 
 

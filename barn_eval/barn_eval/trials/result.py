@@ -268,7 +268,7 @@ class WallClock:
         answer_times_s: Sequence[float],
         **fields: Any,
     ) -> "WallClock":
-        """Return figures with median, 95 % and maximum in ms; None without answers.
+        """Return figures with median, 95% and maximum in ms; None without answers.
 
         Args:
             duration_s: Wall-clock time that the trial took.
@@ -308,7 +308,7 @@ class WallClock:
 
     @property
     def is_late(self) -> bool:
-        """Whether over 2 % of control periods over ROS had no command in time."""
+        """Whether over 2% of control periods over ROS had no command in time."""
         return self.missed_share > MAX_MISSED_SHARE
 
     @property

@@ -164,7 +164,7 @@ def _find_excess(row: TrialResult, spec: TrialSpec) -> Iterator[str]:
     longest_s = longest_s + 2.0 * protocol.look_period_s + 1.0
 
     # A moving obstacle may push the robot at any speed.
-    # Slip adds at most 2 % (`spec.WHEEL_SLIP`), so this margin is wide.
+    # Slip adds at most 2% (`spec.WHEEL_SLIP`), so this margin is wide.
     longest_m = 1.2 * spec.simulator.drive.max_speed_m_s * duration_s + 1.0
     if spec.world.moving:
         longest_m = math.inf

@@ -504,7 +504,7 @@ DECISIONS = """
 def test_a_planner_must_be_shown_not_to_be_worse(
     command, tmp_path, slower_s, margin, decision, code
 ):
-    """Nobody fails here, but each may in up to 17 % of its trials."""
+    """Nobody fails here, but each may in up to 17% of its trials."""
     a = results()
     b = results("eband", slower_s)
     counted = [[scored(row, failure_time_s=20.0) for row in part] for part in (a, b)]

@@ -158,7 +158,7 @@ def test_a_title_says_that_only_successes_are_in():
 
 def test_a_unit_follows_a_value():
     assert [MEASURES[key].after for key in ("success", "driven_m", "recoveries")] == [
-        " %",
+        "%",
         " m",
         "",
     ]

@@ -239,7 +239,7 @@ def test_a_clear_difference_stops_the_plan_early_on_its_side():
 
 
 def test_a_difference_waits_for_failures_not_yet_observed():
-    """In 20 worlds up to 17 % of failures may be unseen, which is more than any tenth
+    """In 20 worlds up to 17% of failures may be unseen, which is more than any tenth
     of a score.
     """
     look = decided(*builds(0.03, noise=0.001))

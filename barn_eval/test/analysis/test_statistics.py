@@ -397,9 +397,9 @@ def test_a_difference_is_clear_if_its_interval_excludes_zero():
 
 
 def test_unobserved_failures_keep_a_difference_open():
-    """B is better by 5 % in each of 50 worlds, but may fail in 7 %.
+    """B is better by 5% in each of 50 worlds, but may fail in 7%.
 
-    In 100 worlds, in 4 %.
+    In 100 worlds, in 4%.
     """
     for worlds, clear in ((50, False), (100, True)):
         a = counted([0.285] * worlds, [0] * worlds, range(worlds))

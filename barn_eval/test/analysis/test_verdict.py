@@ -125,7 +125,7 @@ def test_ranks_are_of_the_trials_that_all_have():
 
 
 def test_even_a_big_board_can_find_a_difference():
-    """Of 33 planners the smallest p-value, times 528 pairs, is still below 5 %."""
+    """Of 33 planners the smallest p-value, times 528 pairs, is still below 5%."""
     planners = {
         f"p{number:02}": planner(0.0, number, worlds=20) for number in range(32)
     }
@@ -153,7 +153,7 @@ def test_a_conclusion_states_size_interval_p_and_counts():
     )
     limits = f"[{interval.low:.3f}, {interval.high:.3f}]"
     assert f"The difference is {interval.estimate:.3f} {limits} s/m" in text
-    share = f"{100.0 * interval.estimate / b.values.mean():.1f} %"
+    share = f"{100.0 * interval.estimate / b.values.mean():.1f}%"
     assert f"or {share} of B's (40 pairs of trials)." in text
 
 

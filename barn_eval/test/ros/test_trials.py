@@ -435,7 +435,7 @@ def test_the_nodes_started_by_hand(tmp_path, monkeypatch):
     for node in nodes[:2]:
         assert COMPILING_NOTE in node.log.read_text()
     assert "[1/1] mine_w0003_r00: success in " in log
-    assert re.search(r"success 100 %, mean challenge metric 0\.\d+\n", log)
+    assert re.search(r"success 100%, mean challenge metric 0\.\d+\n", log)
     assert f"results in {tmp_path}/run; for a report: barn report" in log
     (result,) = read_results(tmp_path / "run")
     assert (result.trial_id, result.outcome) == ("mine_w0003_r00", Outcome.SUCCESS)

@@ -106,7 +106,7 @@ def test_by_odometry_times_are_within_a_reading_and_clearance_is_by_scans(
     by_truth = judge_one(nearer, tmp_path, pose=TRUTH, protocol=near(nearer))
     assert expected.outcome is by_truth.outcome is Outcome.SUCCESS
     error_s = expected.scores.traversal_time_s - by_truth.scores.traversal_time_s
-    # A period at each end, and a drift of 2 % of 2 m at 0.5 m/s.
+    # A period at each end, and a drift of 2% of 2 m at 0.5 m/s.
     assert abs(error_s) <= expected.observed.time_uncertainty_s == pytest.approx(0.15)
     assert expected.observed.clearance_by == "scans"
     assert expected.measures.min_clearance_m == pytest.approx(

@@ -322,7 +322,7 @@ class MapCostmap(Costmap):
     """The grid of a map with its obstacles and, if configured, the lidar's marks."""
 
     def __init__(self, config: GlobalCostmapConfig, occupancy: OccupancyMap):
-        """Make the grid of a map; with `static_layer`, mark cells of 65 % and more.
+        """Make the grid of a map; with `static_layer`, mark cells of 65% and more.
 
         A map cell is split into as many cells as come nearest to `resolution_m`.
         """

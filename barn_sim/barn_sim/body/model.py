@@ -59,7 +59,7 @@ class RobotModel:
     inertia: Floats
     """Moments (3,) about the center of mass, kg m2.
 
-    The products of inertia, 0.2 % of the moments on the Jackal, are left out.
+    The products of inertia, 0.2% of the moments on the Jackal, are left out.
     """
 
     shapes: tuple[Shape, ...]

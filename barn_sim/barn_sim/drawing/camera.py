@@ -104,7 +104,7 @@ def camera_at(name: str, pose: Pose2D, bounds_m: Sequence[float]) -> Camera:
     aspect = pixels_high / pixels_wide
     if name == "top":
         height = 30.0
-        # Whichever side of the scene is tighter in the picture decides, with 3 % to
+        # Whichever side of the scene is tighter in the picture decides, with 3% to
         # spare.
         half = 1.03 * 0.5 * max(width, length * aspect)
         # From 30 m up, the tops of obstacles (1 m) lean outwards by little; they are

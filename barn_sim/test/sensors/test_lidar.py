@@ -113,7 +113,7 @@ def test_tilted_cylinders_agree_with_the_rays_of_pybullet():
         disconnect(client)
     same = np.isclose(scan.ranges, theirs, atol=0.01) | (scan.ranges == theirs)
     assert np.isfinite(scan.ranges).sum() > 60
-    assert (~same).sum() <= 7  # 1 % of the beams, at edges
+    assert (~same).sum() <= 7  # 1% of the beams, at edges
 
 
 def test_limits_hold_after_the_noise():

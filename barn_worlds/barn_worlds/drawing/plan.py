@@ -195,7 +195,7 @@ class CoursePlan:
             inside = (centers_m > corner) & (centers_m < corner + area_m * scale)
             figure = self._page(
                 f"{self.world.name}, 1:{scale}, row {row + 1} of {down}, column"
-                f" {column + 1} of {across}. Print at 100 %: the bar is"
+                f" {column + 1} of {across}. Print at 100%: the bar is"
                 f" {1000.0 * _BAR_M:g} mm. Tiles overlap by {1000.0 * _OVERLAP_M:g} mm."
                 " x and y are in m."
             )

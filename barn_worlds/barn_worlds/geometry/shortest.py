@@ -20,7 +20,7 @@ import numpy as np
 
 from barn_worlds.base.arrays import Floats, strict_kernel
 
-# Of a polygon, whose inner radius is then 0.5 % less than the disc's.
+# Of a polygon, whose inner radius is then 0.5% less than the disc's.
 CORNERS = 32
 # Searched in a second or two; among more, some are left out.
 MOST_CYLINDERS = 2000

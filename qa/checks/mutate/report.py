@@ -58,7 +58,7 @@ def totals(tried: Sequence[Tried]) -> tuple[int, int, int, float]:
 
 def summary(tried: Sequence[Tried]) -> str:
     """Return the totals as a line."""
-    return "{} mutants, {} killed, {} survived ({:.1f} %)".format(*totals(tried))
+    return "{} mutants, {} killed, {} survived ({:.1f}%)".format(*totals(tried))
 
 
 def records(tried: Iterable[Tried]) -> list[dict[str, Any]]:

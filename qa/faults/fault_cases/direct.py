@@ -120,7 +120,7 @@ for _kind, _end, _detail, _done in cases_of(_KINDS):
 def works(lab: Lab) -> str:
     """The planner computes for 30 ms and sleeps for 30 ms a cycle, alone and beside two busy loops.
 
-    What is charged and what is called too slow agree within 10 %, with and without load.
+    What is charged and what is called too slow agree within 10%, with and without load.
     """
     environment = with_rogue(lab)
     cycles_ms: list[float] = []

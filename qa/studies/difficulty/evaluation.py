@@ -44,7 +44,7 @@ class EvaluationConfig(Checked):
 class ModelScore:
     """Errors of one kind of model in unseen worlds, averaged over repeats.
 
-    Intervals are 95 % over worlds.
+    Intervals are 95% over worlds.
     """
 
     name: str

@@ -126,7 +126,7 @@ def train_models(
 def _relative_std(
     models: Sequence[DifficultyModel], folds: Bools, inputs: Floats, difficulty: Floats
 ) -> float:
-    """Return the relative error that 68.3 % of the left-out worlds do not exceed.
+    """Return the relative error that 68.3% of the left-out worlds do not exceed.
 
     The disagreement of a model's networks is taken out of the error, since the
     prediction adds it again.

@@ -55,7 +55,7 @@ class RankingPower:
     """By number of worlds, the share of draws with all these pairs in order."""
 
     enough: int | None
-    """Fewest worlds with a share of 95 % or more; None where all are too few."""
+    """Fewest worlds with a share of 95% or more; None where all are too few."""
 
 
 def ranking_power(
@@ -157,7 +157,7 @@ def ranking_table(powers: Sequence[RankingPower]) -> TextTable:
         "planners, best first",
         "pairs that differ",
         *map(str, counts),
-        "95 % from",
+        "95% from",
     )
     title = (
         "Draws of so many worlds in which all planners that differ come in the right "

@@ -47,14 +47,14 @@ function show(state) {
   byId("problem").textContent = state.problem;
   byId("title").textContent = state.title;
   if (state.problem) return;
-  document.title = state.planned ? `${Math.floor((100 * state.done) / state.planned)} % ${state.title}` : state.title;
+  document.title = state.planned ? `${Math.floor((100 * state.done) / state.planned)}% ${state.title}` : state.title;
   byId("task").textContent = state.task || "";
   byId("progress-text").textContent = progress(state);
   byId("progress").value = state.planned ? state.done / state.planned : 0;
   byId("outcomes").textContent = state.outcomes.map(([name, count]) => `${name} ${count}`).join(", ");
   byId("verdict").textContent = state.verdict;
   byId("details").textContent = state.details;
-  byId("metric").textContent = state.metric ? `${state.metric} that all planners have, with 95 % intervals` : "";
+  byId("metric").textContent = state.metric ? `${state.metric} that all planners have, with 95% intervals` : "";
   byId("bars").replaceChildren(...state.bars.flatMap(bar));
   byId("notes").replaceChildren(...state.notes.map((text) => element("p", { className: "note", textContent: text })));
   fill("failures", state.failures);

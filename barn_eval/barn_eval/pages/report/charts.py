@@ -243,7 +243,7 @@ def _running_means(values: Floats, window: int) -> Floats:
     return means
 
 
-@chart("Metric, success and time per meter by band of difficulty, with 95 % intervals")
+@chart("Metric, success and time per meter by band of difficulty, with 95% intervals")
 def _bands(data: ChartData, make_panels: MakePanels) -> Handles:
     """Draw planners' means by band of difficulty per measure; nothing without bands."""
     bands = data.overview.bands
@@ -280,7 +280,7 @@ def _tip(name: str, measure: Measure, mean: Interval) -> Tip:
 def _label_measure(axes: Axes, x: str, measure: Measure) -> None:
     """Label axes with a measure along y, which begins at 0, and set the title."""
     label_axes(axes, x, measure.heading, measure.title.capitalize())
-    # A marker at 100 % must not be cut off.
+    # A marker at 100% must not be cut off.
     axes.set_ylim(0, 104 if measure.percent else None)
 
 
@@ -344,7 +344,7 @@ def _outcomes(data: ChartData, make_panels: MakePanels) -> Handles:
 
 
 @chart(
-    "Differences between planners in the same worlds with 95 % intervals, filled where"
+    "Differences between planners in the same worlds with 95% intervals, filled where"
     " clear. To the left of the dashed line the planner named on the left is better, to"
     " the right the one on the right"
 )
@@ -402,7 +402,7 @@ def _draw_differences(
 
 @chart(
     "Metric, success and time per meter over a parameter of a sweep or the delay of"
-    " commands, with 95 % intervals"
+    " commands, with 95% intervals"
 )
 def _sweep(data: ChartData, make_panels: MakePanels) -> Handles:
     """Draw means over a swept parameter or delay; nothing unless 1 or 2 vary.
@@ -491,7 +491,7 @@ def _distributions(data: ChartData, make_panels: MakePanels) -> Handles:
                 label=entry.label,
             )
             middle, most = np.quantile(values, [0.5, 0.9])
-            text = f"{entry.label}: half up to {middle:.3g}, 90 % up to {most:.3g}"
+            text = f"{entry.label}: half up to {middle:.3g}, 90% up to {most:.3g}"
             add_tips(line, [(f"{text} {measure.unit}",)])
             handles[entry.label] = line
         label_axes(axes, measure.heading, "")
@@ -502,7 +502,7 @@ def _distributions(data: ChartData, make_panels: MakePanels) -> Handles:
 
 @chart(
     "Speed against safety: mean time per meter as counted over smallest clearance, and"
-    " over time in contact where there was any, with 95 % intervals of both"
+    " over time in contact where there was any, with 95% intervals of both"
 )
 def _trade(data: ChartData, make_panels: MakePanels) -> Handles:
     """Draw mean time per meter over clearance and, if there was any, time in contact."""
@@ -545,7 +545,7 @@ def _trade(data: ChartData, make_panels: MakePanels) -> Handles:
 
 @chart(
     "Planner's computing time per cycle over trials: box from quartile to quartile,"
-    " whiskers 5 to 95 %"
+    " whiskers 5 to 95%"
 )
 def _compute(data: ChartData, make_panels: MakePanels) -> Handles:
     """Draw a box per planner of time per cycle [ms]; nothing if none is known.

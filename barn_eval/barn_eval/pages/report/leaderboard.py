@@ -107,11 +107,11 @@ def board_table(board: Board) -> TextTable:
 
     headings = [measure.heading for measure in measures]
     columns = ("rank", "planner", *headings, "clearly better than", *_ORIGIN_COLUMNS)
-    caption = f"Ranked by {board.measure.title}, with 95 % intervals."
+    caption = f"Ranked by {board.measure.title}, with 95% intervals."
     if len(rows) > 1:
         caption += (
             " Planners share a rank (=) unless all above are clearly better than all "
-            "below: by a test over whole worlds, at 5 % after Holm for all pairs."
+            "below: by a test over whole worlds, at 5% after Holm for all pairs."
         )
     return TextTable("leaderboard", board.title, columns, tuple(rows), 2, caption)
 

@@ -151,7 +151,7 @@ def above(interval: Interval, value: float = 0.0) -> str:
     """Return HOLDS if both limits exceed `value`, FAILS if both are below, else OPEN.
 
     Args:
-        interval: A figure with its 95 % interval; without limits, it is OPEN.
+        interval: A figure with its 95% interval; without limits, it is OPEN.
         value: The value to compare with.
     """
     if interval.low is None or interval.high is None:

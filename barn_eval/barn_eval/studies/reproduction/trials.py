@@ -55,7 +55,7 @@ class PlannerTrials:
 
 @dataclass(frozen=True)
 class PlannerFinding:
-    """One planner's figures, named as in data/paper.yaml, with 95 % intervals."""
+    """One planner's figures, named as in data/paper.yaml, with 95% intervals."""
 
     planner: str
     trials: int
@@ -272,7 +272,7 @@ def deviation(values: Floats, seed: int) -> Interval:
 
 @dataclass(frozen=True)
 class MetricRow:
-    """One difficulty metric over all worlds of the data set, with 95 % intervals."""
+    """One difficulty metric over all worlds of the data set, with 95% intervals."""
 
     name: str
     title: str
@@ -325,7 +325,7 @@ def summarize_metrics(dataset: Dataset, seed: int) -> MetricsFinding:
 
 @dataclass(frozen=True)
 class ModelFinding:
-    """Errors of the suite's difficulty model in these worlds, with 95 % intervals."""
+    """Errors of the suite's difficulty model in these worlds, with 95% intervals."""
 
     title: str
     # Number of worlds that it was trained in, none of them among these.

@@ -71,7 +71,7 @@ def test_json_within_a_script_cannot_leave_it():
 
 
 def test_latex_takes_any_text():
-    assert latex_text("50 % of a_b & {c}\n") == r"50 \% of a\_b \& \{c\} "
+    assert latex_text("50% of a_b & {c}\n") == r"50 \% of a\_b \& \{c\} "
     text = r"$-$0.5 [$-$1.0, 2.0] a-1 2-3 \textless{}x\textgreater{}"
     assert latex_text("-0.5 [-1.0, 2.0] a-1 2-3 <x>") == text
     table = TextTable("t", "title", ("a", "b"), (("x_1", "2"),))
@@ -369,7 +369,7 @@ def test_a_report_does_not_tell_which_worker_was_faster(folder, tmp_path):
     assert [entry.results for entry in second] == [entry.results for entry in first]
 
 
-HOSTILE = "[\\input{/etc/passwd}] * 100 % $x$ #1 a_b^c ~ & | <script>"
+HOSTILE = "[\\input{/etc/passwd}] * 100% $x$ #1 a_b^c ~ & | <script>"
 
 
 def latex_shape(text):
