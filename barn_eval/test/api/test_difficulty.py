@@ -51,9 +51,7 @@ def test_the_page_on_metrics_quotes_the_card():
         in section
     )
     shipped, low, high = (round(100 * value) for value in elsewhere["routes"])
-    assert (
-        f"none of them of barn300, it explains {shipped}% [{low}, {high}]" in section
-    )
+    assert f"none of them of barn300, it explains {shipped}% [{low}, {high}]" in section
     assert (
         f"Trained in barn300 alone, it would explain {100 * folds['routes'][0]:.0f}%"
         in section
