@@ -108,7 +108,7 @@ def test_equal_planners_share_their_worlds_and_nothing_else():
 def test_a_target_is_missed_beyond_three_errors_with_any_seed(share, verdict):
     check = Check(
         "", "", 1000, (0.95, share), (0.93, 0.97)
-    )  # an error is 0.8% at the lower limit, 0.5% at the upper
+    )  # an error is 0.8 % at the lower limit, 0.5 % at the upper
     assert check.conclusion == verdict
     variances = [x * (1.0 - x) / 1000 for x in (0.95, share)]
     assert check.standard_error == pytest.approx(max(variances) ** 0.5)

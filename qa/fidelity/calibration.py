@@ -148,7 +148,7 @@ def _common(
     shared = sorted(ours.lengths_m.keys() & published.lengths_m.keys())
     if not shared:
         raise ConfigError(
-            f"{reference}: has no world in common with the results of {entry.label}"
+            f"{reference}: no world in common with the results of {entry.label}"
         )
     other = published.other_length((world, ours.lengths_m[world]) for world in shared)
     if other is not None:

@@ -77,7 +77,7 @@ def pair_by_world(measured: Sequence[Entry], simulated: Sequence[Entry]) -> Text
             rows.append((spelling(planner), label, "", "", "", "", mean.text()))
     if not rows:
         raise ConfigError(
-            f"{simulated[0].source.path}: has no planner with trials in the same world as"
+            f"{simulated[0].source.path}: no planner with trials in the same world as"
             f" in {measured[0].source.path}"
         )
     title = "Measured and simulated, by world"

@@ -314,7 +314,7 @@ def select_planners(
     """
     for name in names:
         if name not in groups:
-            raise ConfigError(f"{path}: has no planner {name!r}{suggest(name, groups)}")
+            raise ConfigError(f"{path}: no planner {name!r}{suggest(name, groups)}")
     return {name: groups[name] for name in names or groups}
 
 

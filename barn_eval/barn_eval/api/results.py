@@ -452,7 +452,7 @@ class Results:
         name = str(trial)
         if name not in results:
             raise ConfigError(
-                f"{self.folder}: has no trial {trial!r}{suggest(name, results)}"
+                f"{self.folder}: no trial {trial!r}{suggest(name, results)}"
             )
         return results[name]
 

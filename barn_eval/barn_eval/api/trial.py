@@ -63,7 +63,7 @@ class Trial:
         """
         trajectory = self.trajectory
         if trajectory.empty:
-            raise ConfigError(f"{self.result.trial_id}: has no trajectory")
+            raise ConfigError(f"{self.result.trial_id}: no trajectory")
         half_yaw = trajectory["yaw_rad"].to_numpy() / 2.0
         # The robot stays on the ground and turns about the vertical axis only.
         poses = trajectory[["time_s", "x_m", "y_m"]].assign(

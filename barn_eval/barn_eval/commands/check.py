@@ -122,8 +122,8 @@ def print_check(check: FolderCheck) -> None:
 def submit(folder: Path, out: Path | None, container: str) -> None:
     """Check the results in FOLDER and write them to one file for `barn verify`.
 
-    The file holds rows, tracks, commands, parameter files, versions and a description
-    of the machine. Anybody can verify the file on another machine.
+    The file holds rows, tracks, commands, parameter files, versions, and a description
+    of the machine. Anyone can verify the file on another machine.
     """
     # resolve() gives "." a name.
     path = out or Path(f"{folder.resolve().name}.barn.zip")
@@ -140,7 +140,7 @@ def submit(folder: Path, out: Path | None, container: str) -> None:
 )
 @json_option
 def verify(file: Path, out: Path | None, as_json: bool) -> None:
-    """Verify a FILE that `barn submit` wrote, on any machine with the same release.
+    """Verify a FILE that `barn submit` wrote. Any machine with the same release can do so.
 
     The command recomputes every score and simulates every trial again from its
     commands. Anything that cannot be checked counts as a failure. Each failure is

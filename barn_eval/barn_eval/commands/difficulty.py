@@ -23,7 +23,7 @@ def command() -> None:
     """Predict how difficult worlds are.
 
     Difficulty is the mean time per meter of path over planners and repetitions.
-    Failures count with the protocol's penalty.
+    A failure counts as the protocol's penalty.
     """
 
 

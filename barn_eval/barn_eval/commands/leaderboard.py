@@ -55,7 +55,7 @@ def command(
 ) -> None:
     """Rank the planners of FOLDERS of runs.
 
-    Planners share a rank if no test separates them. The command prints a board for each
+    Planners share a rank if they do not differ significantly. The command prints a board for each
     protocol and each set of worlds.
     """
     if convention is not None:

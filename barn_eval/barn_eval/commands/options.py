@@ -271,7 +271,7 @@ _COURSE_HELP = "Start and goal in every world, in m and rad [default: those of t
 course_option = _course_option(help=f"{_COURSE_HELP}.")
 courses_option = _course_option(
     multiple=True,
-    help=f"{_COURSE_HELP}; repeatable: each course then counts as a world.",
+    help=f"{_COURSE_HELP}; repeatable: each course is then counted as a separate world.",
 )
 
 

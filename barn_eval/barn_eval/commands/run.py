@@ -422,7 +422,7 @@ _DEMO_PERCENTAGES = (5, 40, 70)
 @folder_option("--out", default="out/demo", help="Folder for the results.")
 @json_option
 def demo(dataset: str, mode: Any, out: Path, as_json: bool) -> int:
-    """Run DWA in an easy, a medium and a harder world, and show the scores.
+    """Run DWA in an easy, a medium, and a harder world, and show the scores.
 
     The trials follow the challenge protocol. In mode ros, simulator, planner and
     evaluator are three ROS 2 nodes in three processes. The demo replaces earlier

@@ -66,7 +66,7 @@ def command(
     """Draw a world, several worlds on one sheet, or trials over a world.
 
     WORLDS are numbers in the data set, such as 120, 0:300:60 or all, or a file or
-    folder of worlds. Start, goal and path are the world's own, or else those of protocol
+    folder of worlds. Start, goal, and path are the world's own, or else those of protocol
     challenge for the Jackal. Moving obstacles are drawn where they start, with arrows
     along their tracks.
     """

@@ -53,7 +53,7 @@ from barn_eval.studies.reproduction.findings import ReproduceConfig
 def reproduce(folders: tuple[Path, ...], physical: bool, **options: Any) -> None:
     """Run the paper's 3000 trials and write a page of the results.
 
-    OUT/results.md shows Table II, times, failures, Fig. 6 and losses beside the
+    OUT/results.md shows Table II, times, failures, Fig. 6, and losses beside the
     published numbers. OUT/results.json contains every number. To resume an interrupted
     run, type the same command again.
 

@@ -47,7 +47,7 @@ _LOOK_PERIOD_S = 0.5
 def command(folder: Path, port: int, host: str, live: int | None, wait: bool) -> None:
     """Serve a page that shows the state of the run in FOLDER. Stop with Ctrl-C.
 
-    The page shows progress, the current ranking, failures and, on request, a replay of
+    The page shows progress, the current ranking, failures, and, on request, a replay of
     each bag. The command only reads files, so the run may be finished or may run on
     another machine that shares the folder. The live view needs bags and foxglove-sdk.
     """

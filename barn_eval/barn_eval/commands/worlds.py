@@ -28,7 +28,7 @@ from barn_worlds.datasets.generate import WorldParameters
 
 @click.group("worlds")
 def command() -> None:
-    """Generate, convert and list worlds."""
+    """Generate, convert, and list worlds."""
 
 
 @command.command()

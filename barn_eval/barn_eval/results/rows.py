@@ -250,7 +250,7 @@ def unseal_line(line: str, where: str) -> str:
     # Only the end is searched, because a line may be long.
     seal = _SEAL.search(line, max(0, len(line) - _LONGEST_SEAL))
     if seal is None:
-        raise ConfigError(f"{where}: damaged or edited: has no crc32 at its end")
+        raise ConfigError(f"{where}: damaged or edited: no crc32 at its end")
     content = line[: seal.start()] + "}"
     crc = f"{zlib.crc32(content.encode()):08x}"
     if crc != seal[1]:

@@ -200,7 +200,7 @@ def _default_name(planner: object) -> str:
     name = str(getattr(named, "__name__", ""))
     if not name.isidentifier():
         raise ConfigError(
-            f"planner {format_value(planner)}: has no name; give it one, as"
+            f"planner {format_value(planner)}: no name; give it one, as"
             " {'name': planner}"
         )
     return name

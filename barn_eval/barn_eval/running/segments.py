@@ -95,7 +95,7 @@ def judge_segment(
     """
     drive = segment.drive
     if segment.end - segment.first < 2:
-        raise BagError(f"{drive.path}: has no poses between this goal and the next")
+        raise BagError(f"{drive.path}: no poses between this goal and the next")
     origin, remarks = _place_poses(segment, spec)
     clocks = drive.clocks[segment.first : segment.end]
     # Stamps of a clock that was set in the trial say nothing about its times.

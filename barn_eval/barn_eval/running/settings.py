@@ -166,7 +166,7 @@ def _find_parameter(
         for parameter in matches.values():
             return file, parameter
     paths = ", ".join(file.path for file in files)
-    raise ConfigError(f"{paths}: has no parameter {key!r}{suggest(key, sorted(names))}")
+    raise ConfigError(f"{paths}: no parameter {key!r}{suggest(key, sorted(names))}")
 
 
 def _iterate_parameters(

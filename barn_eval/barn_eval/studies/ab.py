@@ -240,7 +240,7 @@ def _find_setup(path: Path, command: str) -> Path:
             if not command:
                 raise ConfigError(f"{path}: a workspace needs --planner-command")
             return file.resolve()
-    raise ConfigError(f"{path}: has no setup.bash")
+    raise ConfigError(f"{path}: no setup.bash")
 
 
 def _in_workspace(setup: Path, command: str) -> str:

@@ -179,7 +179,7 @@ def _select_scans(trial: RecordedTrial) -> tuple[Floats, list[int]]:
             chosen.append((item.content, place))
     chosen = chosen[:: 1 + len(chosen) // _MOST_SCANS]
     if not chosen:
-        raise BagError(f"{trial.name}: has no scans on /scan to survey with")
+        raise BagError(f"{trial.name}: no scans on /scan to survey with")
     parts = []
     for number, (scan, _) in enumerate(chosen):
         angles = scan.angles()

@@ -234,7 +234,7 @@ class RunConfig(Checked):
     # `RunRequest` draws them, and makes each a world of the run.
     routes: int = optional(
         0,
-        "routes to draw at random in each world; each route counts as a world",
+        "routes to draw at random in each world; each route is counted as a separate world",
         "",
         0,
         1000,

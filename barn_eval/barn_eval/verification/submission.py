@@ -117,8 +117,7 @@ def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderC
             files[name] = read_bytes(folder / name, _MAX_BYTES)
     if COMMANDS_FILE not in files:
         raise FindingError(
-            f"{folder}: cannot be submitted: has no {COMMANDS_FILE}"
-            f"{run_file.origin_note()}"
+            f"{folder}: cannot be submitted: no {COMMANDS_FILE}{run_file.origin_note()}"
         )
     for file in _parameter_files(folder, config):
         files[f"parameters/{file.name}"] = file.read_bytes()
@@ -312,7 +311,7 @@ def _require_members(path: Path, members: list[zipfile.ZipInfo]) -> None:
             )
     missing = {SUBMISSION_FILE, *_REQUIRED}.difference(names)
     if missing:
-        raise ConfigError(f"{path}: is not a submission: has no {min(missing)}")
+        raise ConfigError(f"{path}: is not a submission: no {min(missing)}")
     if len(names) > _MAX_MEMBERS or len(set(names)) < len(names):
         raise ConfigError(
             f"{path}: holds a file twice, or more than {_MAX_MEMBERS} files"

@@ -482,7 +482,7 @@ def test_folders_without_a_common_planner_need_a_choice(folders):
 def test_command_names_what_is_missing(folders, rejected):
     assert "holds no results of a run" in rejected(f"compare {folders} {folders}/a")
     message = rejected(f"compare {folders}/a {folders}/both:ebnd")
-    assert "has no planner 'ebnd'; did you mean 'eband'" in message
+    assert "no planner 'ebnd'; did you mean 'eband'" in message
     message = rejected(f"compare {folders}/a/results.jsonl")
     assert f"must be a folder of results; name {folders}/a" in message
     (folders / "a" / "run.json").unlink()

@@ -134,6 +134,6 @@ def test_the_command_takes_one_or_two_planners(
     assert "Worlds needed" in succeed(f"precision {both}")
     for line, message in (
         (f"{both} --half-width 0", "--half-width"),
-        (f"{both}:dwo", "has no planner 'dwo'; did you mean 'dwa'"),
+        (f"{both}:dwo", "no planner 'dwo'; did you mean 'dwa'"),
     ):
         assert message in rejected(f"precision {line}")

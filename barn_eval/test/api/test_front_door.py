@@ -132,7 +132,7 @@ def test_a_trial_has_its_trajectory(driven, tmp_path):
     assert driven.trial(0).result is driven.trials[0]
     empty = Trial(trial.result, None)
     assert empty.trajectory.dtypes.to_dict() == path.dtypes.to_dict()
-    with refused("ahead_w0000_r00: has no trajectory"):
+    with refused("ahead_w0000_r00: no trajectory"):
         empty.to_tum(tmp_path / "none.txt")
 
 
@@ -336,7 +336,7 @@ def test_what_goes_wrong_in_a_planner_of_ones_own_is_an_outcome(tmp_path, caplog
         (
             lambda observation: None,
             {},
-            "has no name; give it one, as {'name': planner}",
+            "no name; give it one, as {'name': planner}",
         ),
         (
             {"dwa": ahead},
@@ -447,7 +447,7 @@ def test_a_replay_without_a_bag_drives_the_trial_again(driven, caplog):
     mine = driven.folder / "mine.html"
     barn.load(driven.folder, ahead).replay("ahead_w0000_r00", mine)
     assert mine.stat().st_size > 10_000
-    with refused("has no trial 'gap_w0001_r00'; did you mean 'gap_w0060_r00'"):
+    with refused("no trial 'gap_w0001_r00'; did you mean 'gap_w0060_r00'"):
         driven.replay("gap_w0001_r00")
 
 

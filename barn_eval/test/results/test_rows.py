@@ -111,7 +111,7 @@ SEALED = f"{seal_line(LINE)}\n"
         (f"{SEALED}{seal_line('{}')}\n", "line 2: schema_version must be"),
         (SEALED * 2, "line 2: trial dwa_w0000_r00 is listed twice"),
         (SEALED.encode() + b"\xff\x00\n", "line 2: not JSON"),
-        (f"{LINE}\n", "line 1: damaged or edited: has no crc32"),
+        (f"{LINE}\n", "line 1: damaged or edited: no crc32"),
         (
             json.dumps(json.loads(SEALED) | {"planner": "other"}) + "\n",
             "line 1: damaged or edited: its crc32 is ",

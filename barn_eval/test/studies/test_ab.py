@@ -87,7 +87,7 @@ def test_a_file_of_a_run_is_a_side(tmp_path):
             "is not a workspace, file, planner of the suite or command",
         ),
         ("dwa,dwa.path_weight", "", "must be key=value"),
-        (".", "run me", "has no setup.bash"),
+        (".", "run me", "no setup.bash"),
         ("ws", "", "a workspace needs --planner-command"),
     ],
 )

@@ -104,7 +104,7 @@ def test_an_unfinished_folder_is_good_as_far_as_it_goes(folder):
         ),
         (
             lambda out: (out / "tracks.jsonl").unlink(),
-            "gap_w0000_r00: has no track, though the robot drove",
+            "gap_w0000_r00: no track, though the robot drove",
         ),
         (
             lambda out: shutil.rmtree(out / "bags" / "gap_w0000_r00"),
@@ -181,7 +181,7 @@ def test_a_trial_that_is_run_again_is_reproduced(driven, command, trial):
 @pytest.mark.parametrize("trial", ["0", "3", "gap_w0001_r00"])
 def test_a_trial_that_there_is_not_is_named_as_it_was_typed(driven, rejected, trial):
     error = rejected(f"check {driven} --rerun {trial}")
-    assert error.startswith(f"error: {driven}: has no trial {trial!r}")
+    assert error.startswith(f"error: {driven}: no trial {trial!r}")
 
 
 def test_reproducibility_is_unknown_before_a_rerun(folder, command):
@@ -194,7 +194,7 @@ def test_a_differing_trial_is_reported_by_its_first_change(folder):
     change_row(folder, 0, measures__rms_jerk_mps3=7.0)
     for file in ("results.parquet", "results.csv"):
         (folder / file).unlink()
-    with refused("has no trial 'dwa_w0000_r00'"):
+    with refused("no trial 'dwa_w0000_r00'"):
         barn.load(folder).rerun("dwa_w0000_r00")
     results = barn.load(folder)
     assert results.rerun(0).startswith("measures.rms_jerk_mps3 is 7.0 in the row, ")

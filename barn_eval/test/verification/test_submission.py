@@ -197,7 +197,7 @@ def in_run(old, new):
         (
             lambda files: files.pop("tracks.jsonl"),
             {},
-            "not a submission: has no tracks.jsonl",
+            "not a submission: no tracks.jsonl",
         ),
         (leave, {"schema_version": 2}, "schema_version must be 1"),
         (leave, {"files": {}}, "does not list the files in the archive"),

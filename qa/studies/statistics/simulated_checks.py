@@ -33,7 +33,7 @@ from barn_eval.analysis.verdict import rank
 from barn_metrics.bootstrap import Interval
 
 BOARD_PLANNERS = 8
-# Patterns of signs: enough to decide whether p is below 5%; reports draw 10 000.
+# Patterns of signs: enough to decide whether p is below 5 %; reports draw 10 000.
 _FLIPS = 2000
 # Difference of means that is to be detected.
 _DIFFERENCE = 0.1
@@ -44,11 +44,11 @@ _COVERAGE_AT_LEAST = (0.93, 1.0)
 _FALSE_ALARMS = (0.0, 0.06)
 _DETECTIONS = (0.5, 1.0)
 
-_COVERS = "the 95% interval of a {} covers the truth"
-_WITH_FAILURES = "{0} worlds x {1}, {2:g}% failures"
+_COVERS = "the 95 % interval of a {} covers the truth"
+_WITH_FAILURES = "{0} worlds x {1}, {2:g} % failures"
 _ALIKE = f"{{0}} worlds x {REPETITIONS}"
-_PLAN = f"{{0}} worlds, {LOOKS} looks, {{1:g}}% failures"
-_IMPROVEMENT = f"{100.0 * _DIFFERENCE:g}%"
+_PLAN = f"{{0}} worlds, {LOOKS} looks, {{1:g}} % failures"
+_IMPROVEMENT = f"{100.0 * _DIFFERENCE:g} %"
 
 # Numbers of worlds and repetitions.
 _SIZES = tuple(product((10, 20, 50, 100, 300), (1, 5)))
@@ -267,7 +267,7 @@ GROUPS = {
     "success": CheckGroup(
         _COVERS.format("difference of success"),
         _COVERAGE_AT_LEAST,
-        "{0} worlds x {1}, {2:g} and {3:g}% failures",
+        "{0} worlds x {1}, {2:g} and {3:g} % failures",
         _success_difference_covers,
         [(*size, 3.0, 10.0) for size in _SIZES],
     ),
@@ -283,7 +283,7 @@ GROUPS = {
     "slow": CheckGroup(
         "two planners of equal mean differ clearly, one steady, one at times slow",
         _FALSE_ALARMS,
-        "{0} worlds x {1}, {2:g}% of times {3:g} times as long",
+        "{0} worlds x {1}, {2:g} % of times {3:g} times as long",
         lambda *setting: _is_clear(draw_slow_pair(*setting)),
         [(50, 1, 2.0, 4.0), (300, 1, 0.5, 5.0), (300, 1, 2.0, 3.0), (300, 3, 1.0, 4.0)],
     ),
@@ -311,7 +311,7 @@ GROUPS = {
     "power": CheckGroup(
         f"a difference of {_IMPROVEMENT} is clear",
         _DETECTIONS,
-        "{0} worlds x 1, {1:g}% failures",
+        "{0} worlds x 1, {1:g} % failures",
         lambda worlds, percent, generator: _is_clear(
             draw_pair(worlds, 1, (percent, percent), 1.0 + _DIFFERENCE, generator)
         ),

@@ -439,7 +439,7 @@ def _require_selection(
     # Any one of them will do for the message.
     for name in set(planners) - available:
         raise ConfigError(
-            f"planner {name!r}: has no trial here{suggest(name, available)}; "
+            f"planner {name!r}: no trial here{suggest(name, available)}; "
             f"there are {', '.join(sorted(available))}"
         )
     outcomes = sorted(outcome.value for outcome in Outcome)
@@ -451,7 +451,7 @@ def _require_selection(
     numbers = sorted({result.world for entry in entries for result in entry.results})
     if world not in numbers:
         listed = ", ".join(map(str, numbers[:12]))
-        raise ConfigError(f"world {world}: has no trial; there are trials of {listed}")
+        raise ConfigError(f"world {world}: no trial; there are trials of {listed}")
 
 
 def _draw_trial(

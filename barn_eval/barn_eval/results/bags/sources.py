@@ -132,7 +132,7 @@ class TopicChoice:
         for topic in (f"{self.sources.namespace}{name}", name):
             if topic in self._bag.types:
                 return topic
-        raise BagError(f"{self._bag.path}: has no topic {name}{self.list_topics()}")
+        raise BagError(f"{self._bag.path}: no topic {name}{self.list_topics()}")
 
     def list_topics(self) -> str:
         """Return "; it has ..." with the bag's topics, for the end of a message."""

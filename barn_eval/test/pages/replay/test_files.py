@@ -167,7 +167,7 @@ def test_colors_by_speed_have_a_scale(folder):
 
 MISTAKES = """
 {world_number: 99}
-    world 99: has no trial; there are trials of 0, 1, 2, 3, 4, 5, 6, 7
+    world 99: no trial; there are trials of 0, 1, 2, 3, 4, 5, 6, 7
 {world_number: 1}
     world 1: its trials have no tracks
 {world_number: 0, outcome: collision}
@@ -175,7 +175,7 @@ MISTAKES = """
 {world_number: 0, outcome: colision}
     outcome 'colision': must be one of .*did you mean 'collision'
 {world_number: 0, planners: [dwaa]}
-    planner 'dwaa': has no trial here; did you mean 'dwa'.* dwa, gap
+    planner 'dwaa': no trial here; did you mean 'dwa'.* dwa, gap
 {world_number: 0, by: sped}
     by: must be one of planner, speed, got 'sped'; did you mean 'speed'
 """
