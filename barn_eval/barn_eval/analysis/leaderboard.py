@@ -402,7 +402,7 @@ def sweep_table(board: Board) -> TextTable:
 
 
 def _order_settings(board: Board) -> list[tuple[int, Place]]:
-    """Return (position in the ranking, place) pairs, best first or, for delays, by delay.
+    """Return (rank position, place) pairs, best first; delays by planner and delay.
 
     A sweep over the delay is ordered by planner and delay instead.
     """

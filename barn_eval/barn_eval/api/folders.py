@@ -131,7 +131,7 @@ def report(
     width_mm: float | None = None,
     progress: Progress = lambda _: None,
 ) -> Page:
-    """Write a report of folders as one page, with any assets and replays; return the page.
+    """Write a report page of folders (its data beside it if large); return the page.
 
     With more than 2000 trials, their data go to a folder OUT_data beside the page.
 

@@ -360,7 +360,7 @@ def print_results(
 
 
 def conclude(summary: RunSummary, *, show_all: bool) -> str:
-    """Return a run's conclusion: "" for one planner, a note below six worlds.
+    """Return a conclusion (if all, how sure); "" for one planner, note below 6 worlds.
 
     Args:
         summary: The run.

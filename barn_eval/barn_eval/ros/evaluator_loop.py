@@ -57,7 +57,7 @@ class EvaluatorLoop:
         supervisor: EventChannel | None,
         on_exit: Callable[[str], None],
     ):
-        """Prepare the executor of the node.
+        """Add the node to an executor; `on_exit` gets the name of an ended process.
 
         Args:
             node: The evaluator node.

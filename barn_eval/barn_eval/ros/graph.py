@@ -231,7 +231,7 @@ class Integrity:
             raise TrialEnded(Outcome.INTERFERENCE, self.look())
 
     def look(self) -> str:
-        """Return who interferes and how, or that the graph is too crowded, else empty.
+        """Return who interferes, or what is too crowded, else ""; add to `remarks`.
 
         Remarks on other nodes are added to `remarks`.
         """

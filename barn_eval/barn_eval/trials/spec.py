@@ -98,7 +98,7 @@ class TrialSpec:
 
     @cached_property
     def scaled_protocol(self) -> Protocol:
-        """The protocol scaled to this world's cells, its limit to the world's course."""
+        """The protocol scaled to cells; its limits rise if a world's own course is long."""
         protocol = self.protocol.scaled_to(self.world, self.simulator.chassis)
         return protocol.extend_to(self.world, self.simulator.drive.max_speed_m_s)
 

@@ -70,7 +70,7 @@ _RERUNS = 3
 
 
 def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderCheck:
-    """Check a folder, write it as one file, return the check; FindingError if unsound.
+    """Check, then zip a folder; FindingError if unsound, ConfigError if not public.
 
     Equal results give equal bytes.
 

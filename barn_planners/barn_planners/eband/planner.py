@@ -183,7 +183,7 @@ class EBandController(Controller):
         return PlannerView(local_plan=local_plan, band=bubbles)
 
     def _update(self, inputs: ControlInput) -> str:
-        """Take a new plan, advance the band; return why that fails or an empty string."""
+        """Take any new plan, then advance; return why not or ""; may reset the costmap."""
         if len(inputs.visible) == 0:
             return "no part of the plan is near the robot"
 

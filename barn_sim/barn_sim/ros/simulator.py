@@ -271,7 +271,7 @@ class SimulatorNode(Node):
         return f"{world}, seed {config.seed}, {mode}"
 
     def _take(self, velocity: Velocity2D) -> None:
-        """Store a command, tell rhythm and evaluator; log the first with NaN or inf."""
+        """Store a command, tell rhythm, log NaN; report a periodic planner's answer."""
         if not velocity.is_finite() and not self.trial.simulator.invalid_commands:
             self.get_logger().error(
                 f"cmd_vel: not a number: {velocity}; the robot stops"

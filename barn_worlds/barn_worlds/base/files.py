@@ -293,7 +293,7 @@ def as_mapping(content: PlainData) -> dict[str, Any]:
 
 
 def parse_json(text: str | bytes, where: str) -> PlainData:
-    """Return the data in JSON; ConfigError if invalid, with NaN, or too many values.
+    """Return JSON's data; ConfigError if invalid, too large, NaN, or beyond 64 bits.
 
     Args:
         text: JSON as text or UTF-8 bytes.

@@ -309,7 +309,7 @@ def _check_encoding(data: bytes, type_name: str) -> None:
 
 
 def _read_stamp(data: bytes) -> tuple[int, int]:
-    """Return the stamp of a message's header in ns and the byte offset of its end."""
+    """Return a message header's stamp in ns and the byte offset of the header's end."""
     sec, nanosec, length = _HEADER.unpack_from(data, ENCAPSULATION_BYTES)
     end = ENCAPSULATION_BYTES + _HEADER.size + length
     return sec * NANOSECONDS_PER_SECOND + nanosec, end
