@@ -200,7 +200,7 @@ def in_run(old, new):
             "not a submission: no tracks.jsonl",
         ),
         (leave, {"schema_version": 2}, "schema_version must be 1"),
-        (leave, {"files": {}}, "does not list the files in the archive"),
+        (leave, {"files": {}}, "its list of files does not match the archive"),
         (leave, {"container": "latest"}, "container 'latest' is not a digest"),
         (in_run('"barn300"', '"/etc"'), {}, "dataset"),
         (in_run('"barn_sim": "', '"barn_sim": "9.'), {}, "was made with barn_sim '9."),
