@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 @folder_option(
     "--out",
     default="out/tune",
-    help="Folder for all trials. The same command resumes an interrupted tuning there.",
+    help="Folder for all trials. The same command resumes an interrupted tuning run there.",
 )
 @json_option
 def command(

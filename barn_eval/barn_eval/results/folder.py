@@ -116,7 +116,7 @@ class ResultsFolder:
             The open folder.
 
         Raises:
-            ConfigError: If the folder holds results of another run, of other worlds, or
+            ConfigError: If the folder holds results of a different run, of other worlds, or
                 anything else, or if another process works in it.
             StoreError: If the folder cannot be written.
         """
@@ -333,7 +333,7 @@ def find_completed(
         overwrite: Ignore all results in the folder.
 
     Raises:
-        ConfigError: If the folder holds results of another run, or anything else.
+        ConfigError: If the folder holds results of a different run, or anything else.
     """
     path = run_file.path.parent
     previous = find_previous(path)
@@ -360,7 +360,7 @@ def find_completed(
         if planner["source"] == UNKNOWN_SOURCE and len(results) < len(specs):
             raise ConfigError(
                 f"{path}: planner {planner['name']!r}: its source is unknown, so the"
-                " run cannot be resumed; use another folder"
+                " run cannot be resumed; use a different folder"
             )
     dropped_count = len(rows) - len(results)
     return CompletedTrials(previous.sessions, results, dropped_count)

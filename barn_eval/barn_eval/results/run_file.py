@@ -173,8 +173,8 @@ class RunFile:
                 is_missing = value == identity.NOT_SET
                 texts.append(value if is_missing else format_value(value))
             raise ConfigError(
-                f"{self.path.parent}: holds results of another {what}: {key} is"
-                f" {texts[0]} there, {texts[1]} here; use another folder, or"
+                f"{self.path.parent}: holds results of a different {what}: {key} is"
+                f" {texts[0]} there, {texts[1]} here; use a different folder, or"
                 f" --overwrite{self.origin_note()}"
             )
 

@@ -218,8 +218,8 @@ class Integrity:
             lambda: not describe_speaker(), _DISCOVERY_S
         ):
             raise ConfigError(
-                f"ROS_DOMAIN_ID {domain}: {describe_speaker()} there, which only the simulator"
-                " of the trials may do; stop it, or leave ROS_DOMAIN_ID unset"
+                f"ROS_DOMAIN_ID {domain}: {describe_speaker()} there, but only the trials'"
+                " simulator may do so; stop that process, or leave ROS_DOMAIN_ID unset"
             )
 
     def require(self, loop: EvaluatorLoop) -> None:

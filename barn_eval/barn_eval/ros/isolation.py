@@ -27,7 +27,7 @@ def ros_problem() -> str:
     if not endings or any(f".{ending}" in EXTENSION_SUFFIXES for ending in endings):
         return ""
     return (
-        f"rclpy of {folder} is for another Python ({', '.join(endings)});"
+        f"rclpy of {folder} is for a different Python ({', '.join(endings)});"
         f" this is {platform.python_version()}"
     )
 

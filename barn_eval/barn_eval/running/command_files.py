@@ -113,9 +113,9 @@ def write_node_parameters(folder: Path, logs: Path, planner: str, text: str) -> 
     for key, value in flatten(parse_json(text, "parameters")):
         if earlier.get(key, value) != value:
             raise ConfigError(
-                f"{folder.parent}: holds results of another configuration: planner"
+                f"{folder.parent}: holds results of a different configuration: planner"
                 f" {planner!r}: parameter {key} was {format_value(earlier[key])} there,"
-                f" is {format_value(value)} now; use another folder"
+                f" is {format_value(value)} now; use a different folder"
             )
     # By content, so that equal parameters of many trials are kept once.
     digest = hashlib.sha256(text.encode()).hexdigest()

@@ -112,8 +112,8 @@ def give_inputs(
         name, lines = match.groups() if match else (names[0], text)
         if name not in names or (match is None and len(names) > 1):
             raise ConfigError(
-                f"{where}planner input {format_value(text)}: must be NAME=TEXT, with the"
-                f" name of a planner{suggest(name, names)}"
+                f"{where}planner input {format_value(text)}: must be NAME=TEXT, where"
+                f" NAME is a planner{suggest(name, names)}"
             )
         content[name] = lines.replace("\\n", "\n").rstrip("\n") + "\n"
     return [

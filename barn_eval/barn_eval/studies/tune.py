@@ -165,7 +165,7 @@ def tune(
         The settings worth keeping, and the counts of settings and worlds.
 
     Raises:
-        BarnError: If an option is wrong, or the folder holds another tuning.
+        BarnError: If an option is wrong, or the folder holds a different tuning run.
     """
     tuner = Tuner(ranges, options, by, unseen, reporter)
     # Before workers start, because the folder may hold another tuning.
@@ -268,7 +268,7 @@ class Tuner:
         """Optuna's study in OUT/study.db, created or loaded; ConfigError if of others.
 
         Raises:
-            ConfigError: If the folder holds another tuning.
+            ConfigError: If the folder holds a different tuning run.
         """
         optuna.logging.set_verbosity(optuna.logging.WARNING)
         self.base.out.mkdir(parents=True, exist_ok=True)
@@ -297,7 +297,7 @@ class Tuner:
         if difference:
             key, earlier_value, value = difference
             raise ConfigError(
-                f"{self.base.out}: holds another tuning: {key} is {earlier_value!r}"
+                f"{self.base.out}: holds a different tuning run: {key} is {earlier_value!r}"
                 f" there, {value!r} here"
             )
         if not study.trials:

@@ -288,7 +288,7 @@ class RunConfig(Checked):
             if is_own and plain_name in planner_names():
                 raise ConfigError(
                     f"planner {planner.name!r}: is a planner of the suite; give your"
-                    f" planner another name, such as my_{plain_name}"
+                    f" planner a different name, such as my_{plain_name}"
                 )
 
     def compute_mode(self, compute: Compute) -> str:

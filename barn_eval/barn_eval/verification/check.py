@@ -242,7 +242,7 @@ class _Checker:
             # A world that run.json does not name is compared with its rows only.
             if self._run_file.worlds.get(str(number), checksum) != checksum:
                 self._report(
-                    f"{self._run_file.path}: names another world {number} than"
+                    f"{self._run_file.path}: names a different world {number} than"
                     f" {self._config.dataset} has"
                 )
 

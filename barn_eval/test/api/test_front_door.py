@@ -146,7 +146,7 @@ def test_worlds_in_memory_are_driven_in_and_kept(tmp_path):
     assert len(drive("gap", out, [first, second])) == 2
     assert drive("gap", out, {0: first, 1: second}, dry_run=True).there == 2
     for choice in ([second, first], [first], first, {1: first, 0: second}):
-        with refused(r"holds results of another (checksum of world|configuration)"):
+        with refused(r"holds results of a different (checksum of world|configuration)"):
             drive("gap", out, choice)
     out = out.rename(tmp_path / "moved")
     loaded = barn.load(out)
@@ -341,7 +341,7 @@ def test_what_goes_wrong_in_a_planner_of_ones_own_is_an_outcome(tmp_path, caplog
         (
             {"dwa": ahead},
             {},
-            "planner 'dwa': is a registered planner; give your planner another name",
+            "planner 'dwa': is a registered planner; give your planner a different name",
         ),
         (
             dict,

@@ -83,7 +83,7 @@ def test_a_folder_that_was_moved_away_takes_no_result(tmp_path):
 def test_results_are_replaced_only_when_told_to(tmp_path):
     keep(tmp_path, GAP)
     other = replace(GAP, seed=4)
-    with refused("seed is 3 there, 4 here; use another folder, or --overwrite"):
+    with refused("seed is 3 there, 4 here; use a different folder, or --overwrite"):
         keep(tmp_path, other, 0)
     assert len(read_results(tmp_path)) == 4
     (result,) = keep(tmp_path, other, 1, overwrite=True)
@@ -126,7 +126,7 @@ def test_another_robot_is_not_mixed_in(tmp_path):
     keep(tmp_path, GAP, 1)
     run = RunFile.read(tmp_path)
     replace(run, robot="0" * 64).write()
-    with refused("holds results of another robot: robot is '0000"):
+    with refused("holds results of a different robot: robot is '0000"):
         keep(tmp_path, GAP)
 
 

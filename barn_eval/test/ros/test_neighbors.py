@@ -191,10 +191,10 @@ def test_the_rclpy_of_another_python_is_refused(tmp_path, monkeypatch):
     info = run_python("-m", "barn_eval", "info", "--json", env=environment)
     off = json.loads(info.stdout)["optional"]["rclpy"]
     assert off.startswith(
-        f"off: rclpy of {other} is for another Python (cpython-27-x86_64-linux-gnu.so)"
+        f"off: rclpy of {other} is for a different Python (cpython-27-x86_64-linux-gnu.so)"
     )
     words = f"run --mode ros --worlds 0 --planner gap --out {tmp_path}/out".split()
     ended = run_python("-m", "barn_eval", *words, check=False, env=environment)
     assert ended.returncode == 2
-    assert f"mode ros: rclpy of {other} is for another Python" in ended.stderr
+    assert f"mode ros: rclpy of {other} is for a different Python" in ended.stderr
     assert not (tmp_path / "out").exists()

@@ -276,7 +276,7 @@ MISTAKES = """
 {planner_package: 7, mode: ros}
     planner_package must be a text or a list of texts, got 7
 {planner_command: mine=run me, planner_input: other=1, mode: ros}
-    planner input 'other=1': must be NAME=TEXT, with the name of a planner
+    planner input 'other=1': must be NAME=TEXT, where NAME is a planner
 {planner_input: '1', planners: dwa, mode: ros}
     planner 'dwa': only a planner with a command can have an input
 {planners: 'dwa,dwa:challenge'}

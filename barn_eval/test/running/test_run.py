@@ -192,7 +192,7 @@ CHANGES = """
 def test_another_configuration_is_refused_by_its_key(whole, run_here, options, words):
     before = {path.name: path.read_bytes() for path in whole[1].iterdir()}
     with refused(
-        rf"{whole[1]}: holds results of another configuration: {re.escape(words)}"
+        rf"{whole[1]}: holds results of a different configuration: {re.escape(words)}"
     ):
         run_here(out=whole[1], **yaml.safe_load(options))
     assert {path.name: path.read_bytes() for path in whole[1].iterdir()} == before

@@ -109,7 +109,7 @@ def test_a_stopped_tuning_resumes_to_the_same_result(tmp_path, monkeypatch):
         expected = repeatable(tmp_path / "out" / place)
         assert expected
         assert repeatable(tmp_path / "stopped" / place) == expected
-    with refused(r"holds another tuning: ranges\.", BarnError):
+    with refused(r"holds a different tuning run: ranges\.", BarnError):
         tuned(tmp_path, parameters={"max_speed_mps": RANGES["max_speed_mps"]})
 
 

@@ -79,7 +79,7 @@ class DatasetFile:
         except (BarnError, LookupError, ValueError, OverflowError) as error:
             raise WorldError(f"{where}: {format_error(error)}") from None
         except (AttributeError, TypeError):
-            raise WorldError(f"{where}: an entry is of another type") from None
+            raise WorldError(f"{where}: an entry has a different type") from None
         if not is_intact:
             raise WorldError(f"{where}: its checksum differs from the manifest's")
         return world

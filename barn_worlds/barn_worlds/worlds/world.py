@@ -110,7 +110,7 @@ class World:
                     f"got {self.corner_m}"
                 )
         if (self.start is None) != (self.goal is None):
-            raise WorldError(f"{self.name}: start and goal must both be given, or none")
+            raise WorldError(f"{self.name}: give both start and goal, or neither")
         if self.built_m is not None:
             object.__setattr__(self, "built_m", self._check_built(self.built_m))
 

@@ -272,7 +272,7 @@ def test_start_without_goal_is_refused(tmp_path):
     with pytest.raises(WorldError, match="goal must be set, too"):
         opened(path)
     start = Pose2D(0.0, 0.0, 0.0)
-    with pytest.raises(WorldError, match="start and goal must both be given, or none"):
+    with pytest.raises(WorldError, match="give both start and goal, or neither"):
         World("w", np.zeros((3, 3), bool), np.zeros((1, 2), int), start=start)
 
 
