@@ -275,7 +275,9 @@ def _unpack(path: Path, folder: Path) -> str:
                     f"{where}: schema_version must be {SCHEMA_VERSION}, with files"
                 )
             if files.keys() != set(archive.namelist()) - {SUBMISSION_FILE}:
-                raise ConfigError(f"{where}: its list of files does not match the archive")
+                raise ConfigError(
+                    f"{where}: its list of files does not match the archive"
+                )
             for name, sha256 in files.items():
                 content = _read_member(archive, name)
                 if _sha256(content) != sha256:
