@@ -56,9 +56,9 @@ def command(folder: Path, port: int, host: str, live: int | None, wait: bool) ->
     with ExitStack() as servers:
         if live is not None:
             stream = FoxgloveStream(folder, host=host, port=live)
-            view = servers.enter_context(closing(stream))
+            servers.enter_context(closing(stream))
             print_notes(
-                f"live view: open {view.url} in Foxglove and import share/barn_eval/config/barn_foxglove.json"
+                f"live view: open {stream.url} in Foxglove and import share/barn_eval/config/barn_foxglove.json"
             )
         while wait and not (folder / RUN_FILE).is_file():
             forever.wait(_LOOK_PERIOD_S)

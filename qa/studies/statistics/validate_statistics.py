@@ -100,7 +100,7 @@ def _simulate_share(
     setting_key = [round(1000 * value) for value in setting]
     generator = np.random.default_rng([seed, *group.event.encode(), *setting_key])
     events = (group.simulate(*setting, generator) for _ in range(simulations))
-    return sum(events) / simulations
+    return math.fsum(events) / simulations
 
 
 def make_table(checks: Sequence[Check], seed: int) -> str:

@@ -5,6 +5,7 @@ while nobody watches.
 """
 
 import threading
+from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 from secrets import randbelow
@@ -13,6 +14,8 @@ from typing import Any
 from barn_eval.pages import LIVE_PORT
 from barn_eval.pages.live.gate import Gate
 from barn_eval.results.bags.bagfile import RawMessage, TrialFollower
+from barn_eval.results.bags.messages import TRUE_TOPICS
+from barn_eval.results.run_file import RunFile
 from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.messages import topics
 from barn_worlds.messages.cdr import jazzy_types
@@ -27,6 +30,10 @@ _CATALOG = [topic for topic in vars(topics).values() if isinstance(topic, Topic)
 _TOPICS = {topic.path: topic for topic in reversed(_CATALOG)}
 _LATCHED_PATHS = {
     topic.path for topic in _CATALOG if topic.qos.durability == LATCHED.durability
+}
+# A planner in a process of its own can be a viewer, too: it must not get these.
+_TRUE_PATHS = {
+    topic.path for topic in (topics.GROUND_TRUTH, topics.COLLISION, *TRUE_TOPICS)
 }
 
 
@@ -60,6 +67,7 @@ class FoxgloveStream:
         self._channels: dict[tuple[str, str], Any] = {}
         self._latched: dict[tuple[str, str], RawMessage] = {}
         self._new_channel_ids: set[int] = set()
+        self._shows_truth = False
         self._stop = threading.Event()
         try:
             # The SDK lets any page connect, so only the gate is where one may look.
@@ -113,22 +121,26 @@ class FoxgloveStream:
         follower.close()
 
     def _start_session(self) -> None:
-        """Forget the previous trial and let viewers clear their displays."""
+        """Forget the previous trial, clear displays, and choose what viewers may see."""
         self._latched.clear()
         self._new_channel_ids.clear()
         self._server.clear_session()
+        with suppress(BarnError):
+            run = RunFile.read(self._folder).run_config()
+            self._shows_truth = run.mode == "direct" or run.ros.ground_truth
 
     def _send(self, messages: list[RawMessage]) -> None:
         """Send new messages; send latched ones to viewers that just subscribed."""
-        new_ids = set()
         # The server's thread adds to the set meanwhile, so it cannot be iterated.
-        for _ in range(len(self._new_channel_ids)):
-            new_ids.add(self._new_channel_ids.pop())
+        new_ids = self._new_channel_ids.copy()
+        self._new_channel_ids -= new_ids
         for key, message in self._latched.items():
             if self._channels[key].id() in new_ids:
                 self._channels[key].log(message.data, log_time=message.stamp_ns)
 
         for message in messages:
+            if message.topic in _TRUE_PATHS and not self._shows_truth:
+                continue
             key = (message.topic, message.type_name)
             self._channel(*key).log(message.data, log_time=message.stamp_ns)
             if message.topic in _LATCHED_PATHS:

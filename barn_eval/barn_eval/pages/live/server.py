@@ -260,9 +260,9 @@ class PageServer(ThreadingHTTPServer):
         self._thread.join()
 
     def respond(self, path: str) -> _Response:
-        """Return page, state (JSON), replay or 404 for a URL path; BarnError without a bag.
+        """Return page, state (JSON) or replay for a URL path; BarnError for any other.
 
-        BarnError for a bag that is not there or cannot be read.
+        BarnError also for a bag that is not there or cannot be read.
         """
         with self._lock:
             if path == "/":
@@ -275,7 +275,7 @@ class PageServer(ThreadingHTTPServer):
             if path.startswith("/replay/"):
                 bag = self._state.bag(unquote(path.removeprefix("/replay/")))
                 return _Response(HTTPStatus.OK, self._replay(bag), _HTML)
-        return _Response(HTTPStatus.NOT_FOUND, "there is nothing here", _TEXT)
+        raise ConfigError("there is nothing here")
 
     def server_bind(self) -> None:
         """Bind the socket without asking a name server for the address's name."""

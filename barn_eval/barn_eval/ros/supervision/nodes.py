@@ -35,8 +35,16 @@ _TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
 _PROFILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 # Variables by which a user may have set a profile for Fast DDS.
 _USER_PROFILES = {_PROFILE, "FASTDDS_DEFAULT_PROFILES_FILE"}
-_BUFFERS = ("RCUTILS_LOGGING_BUFFERED_STREAM", "PYTHONUNBUFFERED")
-_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
+# Variables with the default 1. The last has Fast DDS ignore a profile in the working
+# directory, where a planner may leave one that cuts off the planners after it.
+_SET_TO_1 = (
+    "RCUTILS_LOGGING_BUFFERED_STREAM",
+    "PYTHONUNBUFFERED",
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "NUMBA_NUM_THREADS",
+    "SKIP_DEFAULT_XML_FILE",
+)
 
 
 @dataclass(frozen=True)
@@ -294,7 +302,7 @@ def environment(inherited: Mapping[str, str], domain: int) -> dict[str, str]:
         Variables for a domain of its own on the loopback interface, with one thread for
         each library.
     """
-    defaults = dict.fromkeys((*_BUFFERS, *_THREADS), "1")
+    defaults = dict.fromkeys(_SET_TO_1, "1")
     # rclpy does not start without a folder for its logs, and services have no home.
     if not os.access(inherited.get("HOME", ""), os.W_OK):
         defaults["ROS_LOG_DIR"] = tempfile.gettempdir()
@@ -313,11 +321,10 @@ def _transport(inherited: Mapping[str, str]) -> dict[str, str]:
     """
     discovery = inherited.get(_RANGE, "LOCALHOST")
     middleware = inherited.get("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp")
-    has_user_profile = bool(inherited.keys() & _USER_PROFILES)
     if (
         discovery == "LOCALHOST"
         and middleware.startswith("rmw_fastrtps")
-        and not has_user_profile
+        and _USER_PROFILES.isdisjoint(inherited)
     ):
         return {_RANGE: "SYSTEM_DEFAULT", _PROFILE: str(_LOOPBACK)}
     return {_RANGE: discovery, _TRANSPORTS: inherited.get(_TRANSPORTS, "UDPv4")}

@@ -19,14 +19,18 @@ from barn_eval.pages.live import foxglove as live
 from barn_eval.pages.live.gate import Gate
 from barn_eval.results.bags.bagfile import TrialFollower
 from barn_eval.results.bags.recorder import Recorder
+from barn_eval.results.run_file import RunFile
+from barn_eval.trials.run_config import RunConfig
 from barn_worlds.base.errors import BagError
 from barn_worlds.messages.encode import encode_number, encode_text
 from barn_worlds.messages.topics import (
     CMD_VEL,
+    COLLISION,
     OUTCOME,
     ROBOT_DESCRIPTION,
     SCORE,
     WORLD_PATH,
+    OutgoingMessage,
 )
 
 SECOND = 10**9
@@ -114,21 +118,28 @@ def test_a_view_without_bags_is_refused(rejected):
     assert rejected("run --worlds 0 --view --out out") == message
 
 
-def test_viewers_get_messages_and_late_ones_latched_ones(tmp_path):
+@pytest.mark.parametrize("mode", ["direct", "ros"])
+def test_viewers_get_messages_and_late_ones_latched_ones(tmp_path, mode):
     pytest.importorskip(
         "foxglove", reason="foxglove-sdk, an optional extra, is not installed"
     )
+    RunFile.for_run(tmp_path, RunConfig(mode=mode), ()).write()
     with (
         closing(live.FoxgloveStream(tmp_path, host="127.0.0.1", port=0)) as view,
         Recorder(tmp_path / "bags" / "one") as recorder,
     ):
+        recorder.record([OutgoingMessage(COLLISION, b"")], 0)
         record(recorder, 0, 3)
         with LiveClient(view.url) as client:
             channels = client.channels(len(live._TOPICS))
             score = channels[SCORE.path]
+            collision = channels[COLLISION.path]
             kind = [score[key] for key in ("schemaName", "encoding", "schemaEncoding")]
             assert kind == [SCORE.type_name, "cdr", "ros2msg"]
-            client.subscribe([score])
+            client.subscribe([score, collision])
+            # A planner in a process of its own must not get the truth here.
+            if mode == "direct":
+                assert client.messages(1) == [(collision["id"], 0, b"")]
             expected = [
                 (score["id"], second * SECOND, encode_number(float(second)))
                 for second in range(3)
