@@ -154,6 +154,12 @@ def find_duplicates(names: Iterable[Any]) -> list[Any]:
     return [name for name, count in Counter(names).items() if count > 1]
 
 
+def refuse_duplicates(keys: Iterable[Any]) -> None:
+    """Raise ValueError with the first key of a mapping that occurs more than once."""
+    for key in find_duplicates(keys):
+        raise ValueError(f"key {key!r:.60} occurs twice; keep only one")
+
+
 def list_names(names: Iterable[object]) -> str:
     """Return the first twenty names, joined by commas; ", ..." stands for the rest."""
     texts = [_name_text(name) for name in names]

@@ -3,7 +3,6 @@
 All links together are one rigid body. xacro expands its files, if it is installed.
 """
 
-import math
 import re
 import resource
 import shutil
@@ -36,6 +35,7 @@ LARGEST_URDF_BYTES = 1024 * 1024
 _MOST_LINKS = 1000
 _XACRO_S = 20.0
 _XACRO_BYTES = 1 << 30  # of memory
+_LARGEST = 1e6  # mass, moment of inertia, or size
 _LARGEST_SHIFT_M = 0.002  # between a wheel and the mirror image of its partner
 _ALONG = 0.99  # least cosine between an axis and the direction that it should have
 _MOMENTS = (("ixx", "ixy", "ixz"), ("ixy", "iyy", "iyz"), ("ixz", "iyz", "izz"))
@@ -206,14 +206,15 @@ def _read_inertia(links: dict[str, Link]) -> dict[str, Any]:
         if inertial is None:
             continue
         pose = link.pose @ _read_origin(inertial)
-        masses.append(parse_number(_child(inertial, "mass").attrib["value"]))
+        masses.append(_read_number(_child(inertial, "mass"), "value", smallest=0.0))
         centers.append(pose.offset)
-        moments = _child(inertial, "inertia").attrib
-        tensor = np.array([[float(moments[key]) for key in row] for row in _MOMENTS])
+        inertia = _child(inertial, "inertia")
+        moments = [[_read_number(inertia, key) for key in row] for row in _MOMENTS]
+        tensor = np.array(moments)
         tensors.append(pose.rotation @ tensor @ pose.rotation.T)
     mass = sum(masses)
-    if not 0.0 < mass < math.inf:
-        raise ValueError("no link has a mass, or a mass is not a finite number")
+    if mass == 0.0:
+        raise ValueError("no link has a mass")
     weighted = np.array(masses)[:, None] * np.array(centers)
     center = weighted.sum(axis=0) / mass
 
@@ -284,11 +285,11 @@ def _read_size(wheel: Link) -> list[float]:
     size = [*wheel.pose.offset.tolist(), 0.0, 0.0]
     for collision in wheel.element.iterfind("collision"):
         for shape in collision.iterfind("geometry/*"):
-            radius = float(shape.get("radius", "0"))
+            radius = _read_number(shape, "radius", "0", 0.0)
             if radius > size[3]:
                 # A wheel may be beside the origin of its link.
                 center = wheel.pose @ _read_origin(collision)
-                width = float(shape.get("length", "0"))
+                width = _read_number(shape, "length", "0", 0.0)
                 size = [*center.offset.tolist(), radius, width]
     return size
 
@@ -325,6 +326,21 @@ def _read_triple(parent: Element, tag: str, key: str) -> Floats:
     if numbers.shape != (3,) or not np.isfinite(numbers).all():
         raise ValueError(f"must be three numbers: {text!r}")
     return numbers
+
+
+def _read_number(
+    element: Element, key: str, default: str = "", smallest: float = -_LARGEST
+) -> float:
+    """Return an attribute's number; ValueError unless from `smallest` to `_LARGEST`."""
+    text = element.get(key, default)
+    number = parse_number(text)
+    # NaN fails the comparison.
+    if not smallest <= number <= _LARGEST:
+        raise ValueError(
+            f"{key} of <{element.tag}> must be from {smallest:g} to {_LARGEST:g}, "
+            f"got {text!r:.60}"
+        )
+    return number
 
 
 def _child(parent: Element, tag: str) -> Element:

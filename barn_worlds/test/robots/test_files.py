@@ -312,7 +312,15 @@ def test_links_of_a_urdf_are_placed_and_turned_by_their_joints(tmp_path):
         ),
         ("<robot name='r'><link name='x'/></robot>", "must have a link base_link"),
         ("<robot name='r'><link name='base_link'/></robot>", "no link has a mass"),
-        (TURNED.replace('value="2"', 'value="inf"'), "a mass is not a finite number"),
+        (
+            TURNED.replace('value="2"', 'value="inf"'),
+            r"value of <mass> must be from 0 to 1e\+06, got 'inf'",
+        ),
+        (TURNED.replace('value="2"', 'value="-2"', 1), "from 0 to .*, got '-2'"),
+        (TURNED.replace('radius="', 'radius="1_', 1), "radius of <.*, got '1_"),
+        (TURNED.replace('length="', 'length="1_', 1), "length of <.*, got '1_"),
+        (TURNED.replace('ixx="', 'ixx="1_', 1), "ixx of <inertia> .*, got '1_"),
+        (TURNED.replace('ixz="', 'other="'), "ixz of <inertia> .*, got ''"),
         (TURNED.replace('xyz="0 1 0"', 'xyz="0 1"'), "must be three numbers: '0 1'"),
         (TURNED.replace('<mass value="2"/>', ""), "without <mass>"),
         (
