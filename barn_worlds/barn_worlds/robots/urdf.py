@@ -61,7 +61,7 @@ class Link:
     joint_type: str
 
     axis: Floats
-    """Direction (3,) in base_link that its joint turns about; 0 if none is given."""
+    """Direction (3,) in base_link that its joint turns about."""
 
 
 def read_chassis(path: Path) -> tuple[dict[str, Any], str]:
@@ -152,12 +152,18 @@ def _read_links(root: Element) -> dict[str, Link]:
             f"must have a link base_link, and 1 to {_MOST_LINKS} links"
             f"{suggest('base_link', elements)}"
         )
-    children = [
-        _child(joint, "child").attrib["link"] for joint in root.findall("joint")
-    ]
     names = [element.attrib["name"] for element in root.findall("link")]
+    children = _joined_links(root, "child")
     for name in find_duplicates(names) + find_duplicates(children):
         raise ValueError(f"link {name!r:.60} must occur once, on at most one joint")
+    for name in children + _joined_links(root, "parent"):
+        if name not in elements:
+            raise ValueError(f"no link {name!r:.60}{suggest(name, elements)}")
+    roots = [name for name in names if name not in children]
+    if len(roots) > 1:
+        raise ValueError(
+            f"links must form one tree, but {list_names(roots)} have no joint"
+        )
     # Parent and element of each joint by its child link.
     joints: dict[str, tuple[str, Element]] = {}
     for joint in root.findall("joint"):
@@ -174,9 +180,14 @@ def _read_links(root: Element) -> dict[str, Link]:
             pose,
             parent,
             joint.get("type", ""),
-            pose.rotation @ _read_triple(joint, "axis", "xyz"),
+            pose.rotation @ _read_triple(joint, "axis", "xyz", "1 0 0"),
         )
     return links
+
+
+def _joined_links(root: Element, end: str) -> list[str]:
+    """Return the names of the links at one end (parent or child) of the joints."""
+    return [_child(joint, end).attrib["link"] for joint in root.findall("joint")]
 
 
 def _pose_in_root(name: str, joints: dict[str, tuple[str, Element]]) -> Transform:
@@ -297,7 +308,7 @@ def _read_size(wheel: Link) -> list[float]:
 def _find_misplacement(links: dict[str, Link], name: str) -> str:
     """Return in words that a wheel's axis is not y or that it is steered, else ""."""
     axis = links[name].axis
-    if abs(axis[1]) < _ALONG * np.linalg.norm(axis):
+    if abs(axis[1]) <= _ALONG * np.linalg.norm(axis):
         return f"turns about {axis.round(3).tolist()}, not about y of base_link"
     parent = links[name].parent
     while parent in links:
@@ -318,13 +329,13 @@ def _read_origin(parent: Element) -> Transform:
     return Transform(offset, rotation_matrix(roll, pitch, yaw))
 
 
-def _read_triple(parent: Element, tag: str, key: str) -> Floats:
-    """Return a child attribute's numbers (3,), 0 if missing; ValueError for others."""
+def _read_triple(parent: Element, tag: str, key: str, default: str = "0 0 0") -> Floats:
+    """Return a child attribute's three numbers (3,); ValueError for anything else."""
     child = parent.find(tag)
-    text = "0 0 0" if child is None else child.get(key, "0 0 0")
+    text = default if child is None else child.get(key, default)
     numbers = np.array([parse_number(word) for word in text.split()])
     if numbers.shape != (3,) or not np.isfinite(numbers).all():
-        raise ValueError(f"must be three numbers: {text!r}")
+        raise ValueError(f"{key} of <{tag}> must be three numbers: {text!r:.60}")
     return numbers
 
 

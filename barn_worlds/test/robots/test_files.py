@@ -176,10 +176,10 @@ TURNED = """<robot name="r">
     <origin xyz="1 0 0" rpy="0 0 1.5707963267948966"/></joint>
   <link name="wheel_left"><collision><geometry><cylinder radius="0.1" length="0.02"/></geometry></collision></link>
   <joint name="c" type="continuous"><parent link="base_link"/><child link="wheel_left"/>
-    <origin xyz="0.3 0.2 -0.1" rpy="-1.57 0 0"/></joint>
+    <axis xyz="0 0 1"/><origin xyz="0.3 0.2 -0.1" rpy="-1.57 0 0"/></joint>
   <link name="wheel_right"/>
   <joint name="d" type="continuous"><parent link="base_link"/><child link="wheel_right"/>
-    <origin xyz="0.3 -0.2 -0.1"/></joint>
+    <axis xyz="0 1 0"/><origin xyz="0.3 -0.2 -0.1"/></joint>
 </robot>"""
 
 AXLE = '<joint name="d" type="continuous"><parent link="base_link"/>'
@@ -244,7 +244,8 @@ HUB = '<collision><geometry><sphere radius="0.02"/></geometry></collision>'
 def test_a_wheel_is_where_its_collision_is_not_where_its_joint_is(tmp_path):
     # As AgileX LIMO has it. The hub is no tire.
     path = tmp_path / "r.urdf"
-    text = TURNED.replace("rpy=", "x=").replace("-0.2 -0.1", "-0.23 -0.1")
+    text = TURNED.replace("rpy=", "x=").replace("0 0 1", "0 1 0")
+    text = text.replace("-0.2 -0.1", "-0.23 -0.1")
     tire = HUB + '<collision><origin xyz="0 0.03 0"/>'
     path.write_text(text.replace("<collision>", tire), "utf-8")
     wheels = read_chassis(path)[0]
@@ -321,7 +322,21 @@ def test_links_of_a_urdf_are_placed_and_turned_by_their_joints(tmp_path):
         (TURNED.replace('length="', 'length="1_', 1), "length of <.*, got '1_"),
         (TURNED.replace('ixx="', 'ixx="1_', 1), "ixx of <inertia> .*, got '1_"),
         (TURNED.replace('ixz="', 'other="'), "ixz of <inertia> .*, got ''"),
-        (TURNED.replace('xyz="0 1 0"', 'xyz="0 1"'), "must be three numbers: '0 1'"),
+        (TURNED.replace('origin xyz="0 1 0"', 'origin xyz="0 1"'), "xyz of <origin> must be three"),
+        (TURNED.replace('<axis xyz="0 1 0"/>', ""), r"'wheel_right' turns about \[1"),
+        (TURNED.replace('axis xyz="0 1 0"', 'axis xyz="0 0 0"'), r"turns about \[0"),
+        (
+            TURNED.replace('"base_footprint"/><child', '"footprint"/><child'),
+            "no link 'f",
+        ),
+        (
+            TURNED.replace('child link="bar"', 'child link="rod"'),
+            "no link 'rod'; known",
+        ),
+        (
+            TURNED.replace("<link", '<link name="x"/><link', 1),
+            "one tree, but x, base_footprint have",
+        ),
         (TURNED.replace('<mass value="2"/>', ""), "without <mass>"),
         (
             TURNED.replace(
