@@ -154,10 +154,10 @@ def find_duplicates(names: Iterable[Any]) -> list[Any]:
     return [name for name, count in Counter(names).items() if count > 1]
 
 
-def refuse_duplicates(keys: Iterable[Any]) -> None:
-    """Raise ValueError with the first key of a mapping that occurs more than once."""
-    for key in find_duplicates(keys):
-        raise ValueError(f"key {key!r:.60} occurs twice; keep only one")
+def refuse_duplicates(names: Iterable[Any]) -> None:
+    """Raise ValueError with the first name that occurs more than once."""
+    for name in find_duplicates(names):
+        raise ValueError(f"{name!r:.60} occurs twice; keep only one")
 
 
 def list_names(names: Iterable[object]) -> str:

@@ -322,7 +322,10 @@ def test_links_of_a_urdf_are_placed_and_turned_by_their_joints(tmp_path):
         (TURNED.replace('length="', 'length="1_', 1), "length of <.*, got '1_"),
         (TURNED.replace('ixx="', 'ixx="1_', 1), "ixx of <inertia> .*, got '1_"),
         (TURNED.replace('ixz="', 'other="'), "ixz of <inertia> .*, got ''"),
-        (TURNED.replace('origin xyz="0 1 0"', 'origin xyz="0 1"'), "xyz of <origin> must be three"),
+        (
+            TURNED.replace('origin xyz="0 1 0"', 'origin xyz="0 1"'),
+            "xyz of <origin> must be three",
+        ),
         (TURNED.replace('<axis xyz="0 1 0"/>', ""), r"'wheel_right' turns about \[1"),
         (TURNED.replace('axis xyz="0 1 0"', 'axis xyz="0 0 0"'), r"turns about \[0"),
         (
