@@ -13,9 +13,9 @@ from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
 from barn_worlds.base.arrays import BoolGrid, Cells, Points
-from barn_worlds.base.errors import WorldError
+from barn_worlds.base.errors import WorldError, read_numbers
 from barn_worlds.base.files import read_maybe_gzipped
-from barn_worlds.formats.sdf_frames import Scope, read_numbers
+from barn_worlds.formats.sdf_frames import Scope
 from barn_worlds.geometry.transform import Transform
 from barn_worlds.worlds.cells import (
     cell_centers,
