@@ -18,6 +18,7 @@ from barn_worlds.base.arrays import (
     side_lengths,
     strict_kernel,
 )
+from barn_worlds.base.types import wrap_angle
 from barn_worlds.worlds.cells import hollow_cells
 from barn_worlds.worlds.cspace import closest_obstacle
 from barn_worlds.worlds.world import World
@@ -138,8 +139,7 @@ def heading_changes(path: Cells) -> Floats:
     """Return turns (n - 2,) in rad at a path's inner cells, + toward higher rows."""
     steps = np.diff(path, axis=0)
     headings: Floats = np.arctan2(*steps.T)
-    # From -pi to pi.
-    return (np.diff(headings) + math.pi) % (2.0 * math.pi) - math.pi
+    return wrap_angle(np.diff(headings))
 
 
 def sharpest_turn(turning: Floats, lengths: Floats, window_m: float) -> float:

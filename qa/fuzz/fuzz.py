@@ -45,10 +45,11 @@ _LEAK = re.compile(
     r"|\b[A-Z]\w+(Error|Exception|Warning)\b|NoneType|'\w+' object\b"
 )
 _HANGS_S = 20.0  # of processor time, after which a child is killed
-# places in what a child shares: the input it is at, and how many inputs were read
-# without a refusal
+# places in what a child shares: the input it is at, how many inputs were read without a
+# refusal, and how much processor time they took
 _NUMBER = 0
 _READ = 1
+_USED_NS = 2
 
 
 def finding(reader: Reader, path: Path) -> tuple[str, bool]:
@@ -105,9 +106,9 @@ def fuzz(
     reader = READERS[name]
     with tempfile.TemporaryDirectory() as folder:
         seeds = prepare(reader, name, Path(folder))
-        shared = RawArray("q", [first, 0])
+        shared = RawArray("q", [first, 0, 0])
         findings: list[str] = []
-        end = time.monotonic() + seconds
+        longest_ns = seconds * 1e9
         target = first + inputs
         path = Path(folder) / reader.name
 
@@ -115,7 +116,8 @@ def fuzz(
             """Try inputs, from the first that no child has tried."""
             _limit_child()
             reported = set()
-            while shared[_NUMBER] < target and time.monotonic() < end:
+            while shared[_NUMBER] < target and shared[_USED_NS] < longest_ns:
+                began_ns = time.process_time_ns()
                 content = make_input(reader, seeds, name, seed, shared[_NUMBER])
                 path.write_bytes(content)
                 complaint, read = finding(reader, path)
@@ -125,8 +127,9 @@ def fuzz(
                     keep(out, name, content, complaint)
                 shared[_READ] += read
                 shared[_NUMBER] += 1
+                shared[_USED_NS] += time.process_time_ns() - began_ns
 
-        while shared[_NUMBER] < target and time.monotonic() < end:
+        while shared[_NUMBER] < target and shared[_USED_NS] < longest_ns:
             child = get_context("fork").Process(target=work)
             child.start()
             why = _watch(child, shared)
@@ -222,7 +225,7 @@ def _corpus_findings(name: str) -> Iterator[str]:
     "--inputs", default=1_000_000, show_default=True, help="Most inputs of each reader."
 )
 @click.option(
-    "--seconds", default=10.0, show_default=True, help="Longest time for each reader."
+    "--seconds", default=10.0, show_default=True, help="Processor time of each reader."
 )
 @click.option(
     "--seed", default=0, show_default=True, help="Inputs of another seed are others."

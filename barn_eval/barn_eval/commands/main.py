@@ -5,6 +5,7 @@ and a page.
 """
 
 import json
+import os
 import sys
 import traceback
 from collections.abc import Sequence
@@ -170,6 +171,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
     `ExitCode` has the exit codes.
     """
+    # Files name other files in UTF-8, which Python must expect of their names, too.
+    if arguments is None and sys.getfilesystemencoding() != "utf-8":
+        os.environ["PYTHONUTF8"] = "1"
+        utf8_mode = [sys.executable, "-X", "utf8", *sys.orig_argv[1:]]
+        os.execv(sys.executable, utf8_mode)  # noqa: S606 (no shell)  # nosec B606
     reduce_garbage_collection()
     sys.exit(_run(arguments))
 

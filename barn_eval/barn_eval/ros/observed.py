@@ -31,6 +31,7 @@ from barn_eval.trials.system_file import INTERFACES, SystemFile
 from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.base.types import ORIGIN, Odometry, Pose2D, seconds
 from barn_worlds.messages import decode
+from barn_worlds.messages.encode import place
 
 _FARTHEST_START_M = 0.5
 _OPERATOR_LIMIT_S = 24 * 3600.0
@@ -207,11 +208,8 @@ class ObservedSystem:
         """Return a request of SetEntityState for the robot at rest at the start."""
         request = kind.Request(entity=self.file.robot_entity)
         pose = request.state.pose
-        pose.position.x = self._start.x
-        pose.position.y = self._start.y
+        place(pose, self._start.x, self._start.y, self._start.yaw)
         pose.position.z = self.file.robot_z_m
-        pose.orientation.z = math.sin(0.5 * self._start.yaw)
-        pose.orientation.w = math.cos(0.5 * self._start.yaw)
         # From version 2 on, a simulator sets only what it is asked to.
         for flag in ("set_pose", "set_twist"):
             if hasattr(request, flag):

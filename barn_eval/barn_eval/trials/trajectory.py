@@ -11,6 +11,7 @@ from barn_worlds.base.types import (
     Pose2D,
     Velocity2D,
     nanoseconds,
+    wrap_angle,
 )
 from barn_worlds.geometry.footprint import Footprint
 from barn_worlds.geometry.kernels import distance_to_line
@@ -169,7 +170,7 @@ def measure_trajectory(
     if len(truth):
         straight_m = float(np.hypot(*(truth[-1] - truth[0])[:2]))
     # Yaw is wrapped: a jump by a full turn at pi is no rotation.
-    turns = np.abs((turned + np.pi) % (2.0 * np.pi) - np.pi)
+    turns = np.abs(wrap_angle(turned))
 
     # Each period belongs to the reading at its end.
     periods_ns = np.diff(trajectory.stamps_ns)

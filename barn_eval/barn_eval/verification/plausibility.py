@@ -23,6 +23,7 @@ from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import NEAR_CONTACT_M, Trajectory, TrajectoryLog
 from barn_eval.trials.trial import finish_trial
 from barn_worlds.base.config import as_dict
+from barn_worlds.base.types import wrap_angle
 
 # Difference that another processor may cause: in m, rad, s, and relative.
 ROUNDING = 1e-6
@@ -285,8 +286,7 @@ def _compare_sums(
         if value is not None and value > longest_s:
             yield f"{key} is {value:.2f} in the row, at most {longest_s:.2f} by its track"
 
-    turns = np.diff(channel["yaw"])
-    turns = (turns + np.pi) % (2.0 * np.pi) - np.pi
+    turns = wrap_angle(np.diff(channel["yaw"]))
     least = {"rotation_rad": np.abs(turns).sum() - step["yaw"] * len(turns)}
     if periods_s.any():
         # The first reading counts like any other, though no time precedes it.

@@ -35,6 +35,7 @@ from barn_worlds.base.config import fields_of
 from barn_worlds.base.errors import ExitCode
 from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.formats.dataset_file import write_dataset_file
+from barn_worlds.formats.map_server import write_map
 
 ROOT = Path(__file__).resolve().parents[3]
 INLINE = "--execution engine=inline"  # which starts no worker
@@ -374,6 +375,14 @@ def test_a_reader_that_leaves_early_is_no_error(tmp_path):
         child.stdout.close()
         assert child.stderr.read() == b""
         assert child.wait(timeout=600) == ExitCode.READER_GONE
+
+
+def test_files_are_named_in_utf8_whatever_the_locale(tmp_path, open_world):
+    write_map(open_world.occupancy_map(), tmp_path / "hölle", "büro.pgm")
+    names = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    show = barn_words("show hölle.yaml")
+    subprocess.run(show, cwd=tmp_path, env=os.environ | names, check=True)
+    assert list(tmp_path.glob("*.png"))
 
 
 def test_exit_codes_are_those_of_the_table():

@@ -14,7 +14,7 @@ from barn_planners.costmap.kernels import INSCRIBED, Grid
 from barn_planners.global_plan import descent, kernels
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.config import Checked, optional, quantity
-from barn_worlds.base.types import Pose2D
+from barn_worlds.base.types import Pose2D, wrap_angle
 
 _HIGHEST_PRICE = 253.0
 _UNKNOWN = 255
@@ -205,6 +205,5 @@ def transform_plan(plan: Floats, target_from_source: Pose2D) -> Floats:
     """
     poses = np.empty_like(plan)
     poses[:, :2] = target_from_source.transform(plan[:, :2])
-    yaws = plan[:, 2] + target_from_source.yaw
-    poses[:, 2] = (yaws + np.pi) % (2.0 * np.pi) - np.pi
+    poses[:, 2] = wrap_angle(plan[:, 2] + target_from_source.yaw)
     return poses

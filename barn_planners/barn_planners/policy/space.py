@@ -26,7 +26,7 @@ from barn_planners.interface import FloatArray, Observation
 from barn_worlds.base.arrays import Bools, Singles, kernel
 from barn_worlds.base.config import Checked, optional, quantity
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.base.types import Pose2D, Scan, Velocity2D
+from barn_worlds.base.types import Pose2D, Scan, Velocity2D, wrap_angle
 
 Vector = Singles
 Indices = npt.NDArray[np.intp]
@@ -272,7 +272,7 @@ class ObservationEncoder:
         has_gap = False
         if max(-angles[0], angles[-1]) > math.pi + step:
             # Such as from 0 to 2 pi: the same directions from -pi to pi.
-            turned = (scan.angles() + math.pi) % (2.0 * math.pi) - math.pi
+            turned = wrap_angle(scan.angles())
             self._order = np.argsort(turned, kind="stable")
             angles = turned[self._order]
             has_gap = bool(np.diff(angles).max(initial=0.0) > 1.5 * slack)

@@ -149,9 +149,34 @@ def parse_number(text: str) -> float:
         return math.nan
 
 
+def read_numbers(text: str | None, count: int, where: str) -> list[float]:
+    """Return `count` numbers within 1e6 from text; WorldError for anything else.
+
+    Args:
+        text: Numbers separated by blanks.
+        count: Required number of them.
+        where: What the text is, to begin an error message with.
+
+    Raises:
+        WorldError: If there are more or fewer, or one is not a number below 1e6.
+    """
+    numbers = [parse_number(word) for word in (text or "").split()]
+    # NaN fails the comparison.
+    if len(numbers) != count or not all(abs(number) < 1e6 for number in numbers):
+        allowed = "a finite number" if count == 1 else f"{count} finite numbers"
+        raise WorldError(f"{where} must be {allowed}, got {text!r:.60}")
+    return numbers
+
+
 def find_duplicates(names: Iterable[Any]) -> list[Any]:
     """Return the names that occur more than once."""
     return [name for name, count in Counter(names).items() if count > 1]
+
+
+def refuse_duplicates(names: Iterable[Any]) -> None:
+    """Raise ValueError with the first name that occurs more than once."""
+    for name in find_duplicates(names):
+        raise ValueError(f"{name!r:.60} occurs twice; keep only one")
 
 
 def list_names(names: Iterable[object]) -> str:

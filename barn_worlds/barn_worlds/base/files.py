@@ -30,6 +30,7 @@ from barn_worlds.base.errors import (
     convert_os_errors,
     format_error,
     format_value,
+    refuse_duplicates,
 )
 from barn_worlds.base.yaml_scalars import CoreLoader, Dumper
 
@@ -300,15 +301,18 @@ def parse_json(text: str | bytes, where: str) -> PlainData:
         where: Path or name of the source, to begin an error message with.
 
     Raises:
-        ConfigError: If the text is not JSON, has numbers that are not finite, integers
-            of more than 64 bits or texts that are not Unicode, or is too large.
+        ConfigError: If the text is not JSON, has a key twice, numbers that are not
+            finite, integers of more than 64 bits or texts that are not Unicode, or is
+            too large.
     """
     try:
         content = text if isinstance(text, str) else text.decode("utf-8")
         # Every value but the first follows one of these characters.
         if sum(map(content.count, ",[{")) > MOST_VALUES:
             raise ValueError(f"more than {MOST_VALUES} values")
-        data = json.loads(content, parse_constant=_refuse_constant)
+        data = json.loads(
+            content, parse_constant=_refuse_constant, object_pairs_hook=_read_object
+        )
         _check(data)
     except (ValueError, RecursionError) as error:
         raise ConfigError(f"{where}: not JSON: {format_error(error)}") from None
@@ -471,6 +475,18 @@ def _read(path: Path, largest: int) -> bytes:
 def _refuse_constant(name: str) -> None:
     """Raise ValueError with the name of a constant (NaN, Infinity) that JSON lacks."""
     raise ValueError(f"numbers must be finite, got {name}")
+
+
+def _read_object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return the mapping of a JSON object; ValueError if a key occurs twice.
+
+    JSON readers disagree about which of its values counts.
+    """
+    mapping = dict(pairs)
+    # Rows are many, so that equal lengths must be enough.
+    if len(mapping) < len(pairs):
+        refuse_duplicates(key for key, _ in pairs)
+    return mapping
 
 
 def _check(content: PlainData, *, numbers: bool = True) -> None:

@@ -7,10 +7,13 @@ differences are exact, and messages carry them unchanged.
 
 import math
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
 from barn_worlds.base.arrays import Floats, Points, SignedBytes, Singles
+
+_Angle = TypeVar("_Angle", float, Floats)
 
 NANOSECONDS_PER_SECOND = 1_000_000_000
 
@@ -25,8 +28,8 @@ def nanoseconds(duration_s: float) -> int:
     return round(duration_s * NANOSECONDS_PER_SECOND)
 
 
-def wrap_angle(angle: float) -> float:
-    """Return an angle in radians wrapped to [-pi, pi)."""
+def wrap_angle(angle: _Angle) -> _Angle:
+    """Return an angle, or an array of angles, in radians wrapped to [-pi, pi)."""
     # The modulo of Python is never negative here, unlike that of C.
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
 

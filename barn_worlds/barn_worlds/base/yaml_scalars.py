@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from barn_worlds.base.errors import find_duplicates
+from barn_worlds.base.errors import refuse_duplicates
 
 _TAG = "tag:yaml.org,2002:"
 _FLOAT = r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?"
@@ -34,8 +34,7 @@ class _UniqueKeyLoader(_Base):
         self, node: yaml.MappingNode, deep: bool = False
     ) -> dict[Hashable, Any]:
         """Return the data in a node; ValueError if a key occurs twice."""
-        for key in find_duplicates(str(key.value) for key, _ in node.value):
-            raise ValueError(f"key {key!r:.60} occurs twice; keep only one")
+        refuse_duplicates(str(key.value) for key, _ in node.value)
         return super().construct_mapping(node, deep)
 
 

@@ -13,9 +13,9 @@ from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
 from barn_worlds.base.arrays import BoolGrid, Cells, Points
-from barn_worlds.base.errors import WorldError
+from barn_worlds.base.errors import WorldError, read_numbers
 from barn_worlds.base.files import read_maybe_gzipped
-from barn_worlds.formats.sdf_frames import Scope, read_numbers
+from barn_worlds.formats.sdf_frames import Scope
 from barn_worlds.geometry.transform import Transform
 from barn_worlds.worlds.cells import (
     cell_centers,
@@ -345,6 +345,13 @@ def _read_collision(
     category_bits = collision.findtext("surface/contact/category_bitmask", bits)
     if _NO_BITS.fullmatch(bits) and _NO_BITS.fullmatch(category_bits):
         return
+    passable = collision.findtext("surface/contact/collide_without_contact", "false")
+    if passable.strip().lower() in ("true", "1"):
+        raise WorldError(
+            f"{where}: collide_without_contact must be false, got {passable!r:.60}: "
+            "Gazebo Classic lets robots through, current Gazebo does not; to let robots "
+            "through, write <collide_bitmask>0</collide_bitmask> instead"
+        )
     shapes = collision.findall("geometry/*")
     kinds = [str(shape.tag) for shape in shapes]
     if kinds in (["plane"], ["empty"]):

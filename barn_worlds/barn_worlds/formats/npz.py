@@ -14,7 +14,12 @@ from typing import Any
 import numpy as np
 
 from barn_worlds.base.arrays import AnyArray
-from barn_worlds.base.errors import WorldError, format_error, format_value
+from barn_worlds.base.errors import (
+    WorldError,
+    format_error,
+    format_value,
+    refuse_duplicates,
+)
 from barn_worlds.base.files import (
     ZIP_ERRORS,
     pack_zip,
@@ -182,7 +187,9 @@ class NpzFormat:
                     raise WorldError(
                         f"{path}: unpacks to more than the allowed {self.largest} bytes"
                     )
-                return {name: archive.read(name) for name in archive.namelist()}
+                names = archive.namelist()
+                refuse_duplicates(names)
+                return {name: archive.read(name) for name in names}
         except ZIP_ERRORS as error:
             raise WorldError(
                 f"{path}: not {self.what}, or a damaged one: {format_error(error)}"

@@ -9,7 +9,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from barn_worlds.base.errors import WorldError, parse_number, suggest
+from barn_worlds.base.errors import WorldError, read_numbers, suggest
 from barn_worlds.geometry.transform import Transform, quaternion_matrix, rotation_matrix
 
 _SCOPES = {"world": "world", "model": "__model__"}  # name of its own frame, by tag
@@ -173,22 +173,3 @@ def read_pose(pose: Element | None, where: str) -> Transform:
     if in_degrees:
         rotation = np.deg2rad(rotation).tolist()
     return Transform(offset, rotation_matrix(*rotation))
-
-
-def read_numbers(text: str | None, count: int, where: str) -> list[float]:
-    """Return `count` numbers within 1e6 from text; WorldError for anything else.
-
-    Args:
-        text: Numbers separated by blanks.
-        count: Required number of them.
-        where: What the text is, to begin an error message with.
-
-    Raises:
-        WorldError: If there are more or fewer, or one is not a number below 1e6.
-    """
-    numbers = [parse_number(word) for word in (text or "").split()]
-    # NaN fails the comparison.
-    if len(numbers) != count or not all(abs(number) < 1e6 for number in numbers):
-        allowed = "a finite number" if count == 1 else f"{count} finite numbers"
-        raise WorldError(f"{where} must be {allowed}, got {text!r:.60}")
-    return numbers

@@ -3,7 +3,6 @@
 All links together are one rigid body. xacro expands its files, if it is installed.
 """
 
-import math
 import re
 import resource
 import shutil
@@ -21,12 +20,13 @@ from defusedxml.ElementTree import fromstring
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import (
     ConfigError,
+    WorldError,
     convert_os_errors,
     find_duplicates,
     format_error,
     list_names,
     note,
-    parse_number,
+    read_numbers,
     suggest,
 )
 from barn_worlds.base.files import read_at_most
@@ -61,7 +61,7 @@ class Link:
     joint_type: str
 
     axis: Floats
-    """Direction (3,) in base_link that its joint turns about; 0 if none is given."""
+    """Direction (3,) in base_link that its joint turns about."""
 
 
 def read_chassis(path: Path) -> tuple[dict[str, Any], str]:
@@ -102,7 +102,7 @@ def read_chassis(path: Path) -> tuple[dict[str, Any], str]:
         raise ConfigError(
             f"{path}: document types and entities are not allowed"
         ) from None
-    except (ParseError, ValueError, LookupError) as error:
+    except (ParseError, ValueError, LookupError, WorldError) as error:
         raise ConfigError(
             f"{path}: not a URDF; missing or wrong: {format_error(error)}"
         ) from None
@@ -146,35 +146,40 @@ def _run_xacro(path: Path) -> bytes:
 
 def _read_links(root: Element) -> dict[str, Link]:
     """Return links by name, posed in base_link; ValueError without it or for a ring."""
-    elements = {element.attrib["name"]: element for element in root.findall("link")}
-    if "base_link" not in elements or len(elements) > _MOST_LINKS:
+    elements = root.findall("link")
+    names = [element.attrib["name"] for element in elements]
+    if "base_link" not in names or len(names) > _MOST_LINKS:
         raise ValueError(
             f"must have a link base_link, and 1 to {_MOST_LINKS} links"
-            f"{suggest('base_link', elements)}"
+            f"{suggest('base_link', names)}"
         )
-    children = [
-        _child(joint, "child").attrib["link"] for joint in root.findall("joint")
-    ]
-    names = [element.attrib["name"] for element in root.findall("link")]
+    joints = root.findall("joint")
+    children = [_child(joint, "child").attrib["link"] for joint in joints]
+    parents = [_child(joint, "parent").attrib["link"] for joint in joints]
     for name in find_duplicates(names) + find_duplicates(children):
         raise ValueError(f"link {name!r:.60} must occur once, on at most one joint")
-    # Parent and element of each joint by its child link.
-    joints: dict[str, tuple[str, Element]] = {}
-    for joint in root.findall("joint"):
-        child = _child(joint, "child").attrib["link"]
-        joints[child] = (_child(joint, "parent").attrib["link"], joint)
-    base = _pose_in_root("base_link", joints)
+    for name in children + parents:
+        if name not in names:
+            raise ValueError(f"no link {name!r:.60}{suggest(name, names)}")
+    roots = [name for name in names if name not in children]
+    if len(roots) > 1:
+        raise ValueError(
+            f"links must form one tree, but {list_names(roots)} have no joint"
+        )
+    # Parent and joint of each link but the root.
+    above = dict(zip(children, zip(parents, joints, strict=True), strict=True))
+    base = _pose_in_root("base_link", above)
     links = {}
-    for name, element in elements.items():
+    for name, element in zip(names, elements, strict=True):
         # base_link need not be the root of the tree.
-        pose = base.inverse() @ _pose_in_root(name, joints)
-        parent, joint = joints.get(name, ("", Element("joint")))
+        pose = base.inverse() @ _pose_in_root(name, above)
+        parent, joint = above.get(name, ("", Element("joint")))
         links[name] = Link(
             element,
             pose,
             parent,
             joint.get("type", ""),
-            pose.rotation @ _read_triple(joint, "axis", "xyz"),
+            pose.rotation @ _read_triple(joint, "axis", "xyz", "1 0 0"),
         )
     return links
 
@@ -198,7 +203,7 @@ def _pose_in_root(name: str, joints: dict[str, tuple[str, Element]]) -> Transfor
 
 def _read_inertia(links: dict[str, Link]) -> dict[str, Any]:
     """Return `Chassis` fields of mass, center, moments of all links, or ValueError."""
-    masses = []
+    masses: list[float] = []
     centers = []
     tensors = []
     for link in links.values():
@@ -206,14 +211,15 @@ def _read_inertia(links: dict[str, Link]) -> dict[str, Any]:
         if inertial is None:
             continue
         pose = link.pose @ _read_origin(inertial)
-        masses.append(parse_number(_child(inertial, "mass").attrib["value"]))
+        masses += _read(_child(inertial, "mass"), "value")
         centers.append(pose.offset)
-        moments = _child(inertial, "inertia").attrib
-        tensor = np.array([[float(moments[key]) for key in row] for row in _MOMENTS])
+        inertia = _child(inertial, "inertia")
+        moments = [[_read(inertia, key) for key in row] for row in _MOMENTS]
+        tensor = np.array(moments).reshape(3, 3)
         tensors.append(pose.rotation @ tensor @ pose.rotation.T)
     mass = sum(masses)
-    if not 0.0 < mass < math.inf:
-        raise ValueError("no link has a mass, or a mass is not a finite number")
+    if mass <= 0.0 or min(masses) < 0.0:
+        raise ValueError("no link has a mass, or a mass is below 0")
     weighted = np.array(masses)[:, None] * np.array(centers)
     center = weighted.sum(axis=0) / mass
 
@@ -284,19 +290,18 @@ def _read_size(wheel: Link) -> list[float]:
     size = [*wheel.pose.offset.tolist(), 0.0, 0.0]
     for collision in wheel.element.iterfind("collision"):
         for shape in collision.iterfind("geometry/*"):
-            radius = float(shape.get("radius", "0"))
+            (radius,) = _read(shape, "radius", "0")
             if radius > size[3]:
                 # A wheel may be beside the origin of its link.
                 center = wheel.pose @ _read_origin(collision)
-                width = float(shape.get("length", "0"))
-                size = [*center.offset.tolist(), radius, width]
+                size = [*center.offset, radius, *_read(shape, "length", "0")]
     return size
 
 
 def _find_misplacement(links: dict[str, Link], name: str) -> str:
     """Return in words that a wheel's axis is not y or that it is steered, else ""."""
     axis = links[name].axis
-    if abs(axis[1]) < _ALONG * np.linalg.norm(axis):
+    if abs(axis[1]) <= _ALONG * np.linalg.norm(axis):
         return f"turns about {axis.round(3).tolist()}, not about y of base_link"
     parent = links[name].parent
     while parent in links:
@@ -312,19 +317,24 @@ def _find_misplacement(links: dict[str, Link], name: str) -> str:
 
 def _read_origin(parent: Element) -> Transform:
     """Return the pose in an element's <origin>, the identity if it has none."""
-    roll, pitch, yaw = _read_triple(parent, "origin", "rpy").tolist()
+    roll, pitch, yaw = _read_triple(parent, "origin", "rpy")
     offset = _read_triple(parent, "origin", "xyz")
-    return Transform(offset, rotation_matrix(roll, pitch, yaw))
+    return Transform(np.array(offset), rotation_matrix(roll, pitch, yaw))
 
 
-def _read_triple(parent: Element, tag: str, key: str) -> Floats:
-    """Return a child attribute's numbers (3,), 0 if missing; ValueError for others."""
+def _read_triple(
+    parent: Element, tag: str, key: str, default: str = "0 0 0"
+) -> list[float]:
+    """Return a child attribute's three numbers; WorldError for anything else."""
     child = parent.find(tag)
-    text = "0 0 0" if child is None else child.get(key, "0 0 0")
-    numbers = np.array([parse_number(word) for word in text.split()])
-    if numbers.shape != (3,) or not np.isfinite(numbers).all():
-        raise ValueError(f"must be three numbers: {text!r}")
-    return numbers
+    return _read(Element(tag) if child is None else child, key, default, 3)
+
+
+def _read(
+    element: Element, key: str, default: str | None = None, count: int = 1
+) -> list[float]:
+    """Return the numbers of an attribute; WorldError for anything else."""
+    return read_numbers(element.get(key, default), count, f"{key} of <{element.tag}>")
 
 
 def _child(parent: Element, tag: str) -> Element:

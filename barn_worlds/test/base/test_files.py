@@ -136,6 +136,7 @@ def test_two_writers_leave_the_file_of_one(tmp_path):
             "not JSON: nested more than 60 deep",
             id="deep",
         ),
+        (b'[{"a": 1, "b": 2, "a": 1}]', "not JSON: 'a' occurs twice; keep only"),
         (b"[NaN]", "not JSON: numbers must be finite, got NaN"),
         (b"1e999", "not JSON: numbers must be finite, got inf"),
         pytest.param(

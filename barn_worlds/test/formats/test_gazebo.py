@@ -305,6 +305,14 @@ EXTERNAL = b'<!DOCTYPE x [<!ENTITY f SYSTEM "file:///etc/passwd">]><sdf><world>&
             one_model(pose="1 2 3"),
             "model 'm': pose must be 6 finite numbers, got '1 2 3'",
         ),
+        (
+            one_model().replace(
+                b"<geometry>",
+                b"<surface><contact><collide_without_contact>1</collide_without_contact>"
+                b"</contact></surface><geometry>",
+            ),
+            "model 'm': collide_without_contact must be false, got '1': ",
+        ),
         (one_model(pose="nan 0 0 0 0 0"), "pose must be 6 finite numbers"),
         (one_model(pose="x 0 0 0 0 0"), "pose must be 6 finite numbers"),
         (one_model(pose="1_0 0 0 0 0 0"), "pose must be 6 finite numbers"),

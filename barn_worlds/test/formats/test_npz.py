@@ -163,6 +163,13 @@ def test_malformed_own_files_are_refused(npz_file, change, message, refused):
         open_dataset(npz_file).load(3)
 
 
+def test_a_member_that_occurs_twice_is_refused(npz_file, refused):
+    with pytest.warns(UserWarning), zipfile.ZipFile(npz_file, "a") as archive:
+        archive.writestr("grid.npy", b"")
+    with refused(WorldError, f"^{npz_file}: .*: 'grid.npy' occurs twice; keep only"):
+        read_dataset_file(npz_file)
+
+
 def test_a_zip_bomb_is_refused_before_it_is_unpacked(npz_file, monkeypatch):
     monkeypatch.setattr(
         "barn_worlds.formats.dataset_file.FORMAT",

@@ -176,10 +176,10 @@ TURNED = """<robot name="r">
     <origin xyz="1 0 0" rpy="0 0 1.5707963267948966"/></joint>
   <link name="wheel_left"><collision><geometry><cylinder radius="0.1" length="0.02"/></geometry></collision></link>
   <joint name="c" type="continuous"><parent link="base_link"/><child link="wheel_left"/>
-    <origin xyz="0.3 0.2 -0.1" rpy="-1.57 0 0"/></joint>
+    <axis xyz="0 0 1"/><origin xyz="0.3 0.2 -0.1" rpy="-1.57 0 0"/></joint>
   <link name="wheel_right"/>
   <joint name="d" type="continuous"><parent link="base_link"/><child link="wheel_right"/>
-    <origin xyz="0.3 -0.2 -0.1"/></joint>
+    <axis xyz="0 1 0"/><origin xyz="0.3 -0.2 -0.1"/></joint>
 </robot>"""
 
 AXLE = '<joint name="d" type="continuous"><parent link="base_link"/>'
@@ -244,7 +244,8 @@ HUB = '<collision><geometry><sphere radius="0.02"/></geometry></collision>'
 def test_a_wheel_is_where_its_collision_is_not_where_its_joint_is(tmp_path):
     # As AgileX LIMO has it. The hub is no tire.
     path = tmp_path / "r.urdf"
-    text = TURNED.replace("rpy=", "x=").replace("-0.2 -0.1", "-0.23 -0.1")
+    text = TURNED.replace("rpy=", "x=").replace("0 0 1", "0 1 0")
+    text = text.replace("-0.2 -0.1", "-0.23 -0.1")
     tire = HUB + '<collision><origin xyz="0 0.03 0"/>'
     path.write_text(text.replace("<collision>", tire), "utf-8")
     wheels = read_chassis(path)[0]
@@ -302,35 +303,43 @@ def test_links_of_a_urdf_are_placed_and_turned_by_their_joints(tmp_path):
             '<!DOCTYPE r [<!ENTITY a "b">]><robot>&a;</robot>',
             "entities are not allowed",
         ),
-        (
-            TURNED.replace('"bar"', '"wheel_left"', 1),
-            "link 'wheel_left' must occur once",
-        ),
-        (
-            TURNED.replace('child link="bar"', 'child link="wheel_left"'),
-            "on at most one joint",
-        ),
         ("<robot name='r'><link name='x'/></robot>", "must have a link base_link"),
         ("<robot name='r'><link name='base_link'/></robot>", "no link has a mass"),
-        (TURNED.replace('value="2"', 'value="inf"'), "a mass is not a finite number"),
-        (TURNED.replace('xyz="0 1 0"', 'xyz="0 1"'), "must be three numbers: '0 1'"),
-        (TURNED.replace('<mass value="2"/>', ""), "without <mass>"),
-        (
-            TURNED.replace(
-                "</robot>", '<joint name="j"><child link="x"/></joint></robot>'
-            ),
-            "without <parent>",
-        ),
-        (
-            TURNED.replace('<parent link="base_footprint"/>', '<parent link="bar"/>'),
-            "joints make a ring",
-        ),
         (TURNED + " " * LARGEST_URDF_BYTES, "more than the allowed"),
     ],
 )
 def test_a_wrong_urdf_is_answered_in_one_line(tmp_path, text, message, refused):
     path = tmp_path / "r.urdf"
     path.write_text(text, "utf-8")
+    with refused(ConfigError, f"^{path}.*{message}"):
+        read_chassis(path)
+
+
+MISTAKES = """
+- ['"bar"', '"wheel_left"', link 'wheel_left' must occur once]
+- [child link="bar", child link="wheel_left", on at most one joint]
+- [value="2", value="inf", "value of <mass> must be a finite number, got 'inf'"]
+- [value="2", value="-2", a mass is below 0]
+- [radius=", radius="1_, radius of <cylinder> must be a finite number]
+- [length=", length="1_, length of <cylinder> must be a finite number]
+- [ixx=", ixx="1_, ixx of <inertia> must be a finite number]
+- [ixz=, other=, "ixz of <inertia> must be a finite number, got None"]
+- [origin xyz="0 1 0", origin xyz="0 1", xyz of <origin> must be 3 finite numbers]
+- [<axis xyz="0 1 0"/>, "", "'wheel_right' turns about .1"]
+- [axis xyz="0 1 0", axis xyz="0 0 0", "'wheel_right' turns about .0"]
+- ['"base_footprint"/><child', '"footprint"/><child', no link 'footprint']
+- [child link="bar", child link="rod", "no link 'rod'; known"]
+- [<link, <link name="x"/><link, "one tree, but x, base_footprint have"]
+- [<mass value="2"/>, "", without <mass>]
+- [</robot>, <joint><child link="x"/></joint></robot>, without <parent>]
+- [<parent link="base_footprint"/>, <parent link="bar"/>, joints make a ring]
+"""
+
+
+@pytest.mark.parametrize("correct, wrong, message", yaml.safe_load(MISTAKES))
+def test_a_mistake_in_a_urdf_is_named(tmp_path, correct, wrong, message, refused):
+    path = tmp_path / "r.urdf"
+    path.write_text(TURNED.replace(correct, wrong, 1), "utf-8")
     with refused(ConfigError, f"^{path}.*{message}"):
         read_chassis(path)
 
