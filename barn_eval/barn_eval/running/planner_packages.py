@@ -2,8 +2,7 @@
 
 Files of a package are parsed and never executed. A planner command "package:TEXT" has
 the text of `--planner-package`: DIR, DIR:EXECUTABLE, DIR:FILE.launch.py,
-DIR:EXECUTABLE,EXECUTABLE, DIR:MODULE:FUNCTION or FILE.py[:FUNCTION], followed by
-arguments.
+DIR:MODULE:FUNCTION or FILE.py[:FUNCTION], followed by arguments.
 """
 
 import json
@@ -239,11 +238,6 @@ def _choose(name: str, files: Sequence[Path], packages: Sequence[Path]) -> Execu
     Raises:
         ConfigError: If there is none, or are several.
     """
-    if "," in name:
-        nodes = [_choose(part, files, packages) for part in name.split(",")]
-        launched = tuple((node, ()) for node in nodes)
-        return Executable(name, nodes[0].folder, "", launched)
-
     executables = []
     for package in packages:
         executables += _read_executables(package)

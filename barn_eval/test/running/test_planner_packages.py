@@ -236,13 +236,6 @@ def test_message_types_of_a_workspace_are_built_if_the_planner_imports_them(
     assert "nowhere" in (tmp_path / "second" / "types.log").read_text()
 
 
-def test_several_executables_start_together(workspace):
-    executable = find_executable(f"{workspace}:follower,follow_viewer")
-    nodes = [node.name for node, _ in executable.launched]
-    assert nodes == ["follower", "follow_viewer"]
-    assert len(executable.sources()) == 2
-
-
 COMPUTED = "console_scripts = []\nd = {'console_scripts': [f'{name()} = a:b']}\n"
 COMPILED = "add_executable(planner_node src/planner.cpp)\n"
 
