@@ -16,9 +16,7 @@ TURN_S = 0.003  # wall-clock time of an instant besides its wait
 class Planner:
     """Answers each scan after a time, or has a timer on one of the two clocks."""
 
-    def __init__(
-        self, sim_hz=0.0, wall_hz=0.0, answer_s=0.01, busy_s=0.0, pause_s=0.0
-    ):
+    def __init__(self, sim_hz=0.0, wall_hz=0.0, answer_s=0.01, busy_s=0.0, pause_s=0.0):
         self.sim_hz = sim_hz
         self.wall_hz = wall_hz
         self.pause_s = pause_s  # after 10 s of commands, and until the next reading
