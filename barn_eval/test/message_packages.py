@@ -10,8 +10,8 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "ros_stand_ins"))
 
+from barn_ros_stand_ins.build_types import build
 from build_messages import DEFINITIONS as INSTALLED
-from build_messages import build
 
 # The types' definitions, as far as the suite and its examples use them, by package,
 # kind and name.

@@ -1,7 +1,7 @@
 """The `barn` command. A subcommand is imported when called; an error takes one line.
 
-data/commands.json groups the subcommands by purpose and gives each a summary, an example
-and a page.
+data/commands.json groups the subcommands by purpose and gives each a summary, an example,
+a page, and the attribute MODULE:NAME that it is.
 """
 
 import json
@@ -25,27 +25,11 @@ _FILE = Path(__file__).parents[1] / "data" / "commands.json"
 _GROUPS: dict[str, dict[str, list[str]]] = json.loads(_FILE.read_text("utf-8"))
 _ENTRIES = {name: entry for group in _GROUPS.values() for name, entry in group.items()}
 
-COMMANDS = {name: summary for name, (summary, _, _) in _ENTRIES.items()}
+COMMANDS = {name: summary for name, (summary, *_) in _ENTRIES.items()}
 """Summary of each subcommand."""
 
-MORE = {name: (example, page) for name, (_, example, page) in _ENTRIES.items()}
+MORE = {name: (example, page) for name, (_, example, page, _) in _ENTRIES.items()}
 """Example and page of each subcommand."""
-
-# Commands that are not the attribute `command` of the module of their name.
-_MODULES = {
-    "demo": "run:demo",
-    "precision": "compare:precision",
-    "metrics": "worlds:metrics",
-    "submit": "check:submit",
-    "verify": "check:verify",
-    "reproduce": "suite:reproduce",
-    "bench": "suite:bench",
-    "info": "suite:info",
-    "planners": "catalogs:planners",
-    "protocols": "catalogs:protocols",
-    "robots": "catalogs:robots",
-    "try": "attempt:command",
-}
 
 
 class LazyGroup(click.Group):
@@ -71,7 +55,7 @@ class LazyGroup(click.Group):
         # The command had this name before, and scripts still use it.
         name = "run" if cmd_name == "campaign" else cmd_name
         if name in COMMANDS:
-            place = _MODULES.get(name, f"{name}:command")
+            *_, place = _ENTRIES[name]
             module_name, _, attribute = place.partition(":")
             module = import_module(f"{__package__}.{module_name}")
             command = cast(click.Command, getattr(module, attribute))

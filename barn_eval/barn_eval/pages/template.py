@@ -14,7 +14,8 @@ from barn_eval.analysis.text_table import count_noun, latex_text, one_line
 from barn_metrics.bootstrap import number
 from barn_worlds.base.errors import ConfigError, convert_os_errors
 from barn_worlds.base.files import make_json_safe, write_durably
-from barn_worlds.drawing.palette import MOVER, ON_DARK, PAGE
+from barn_worlds.drawing import palette
+from barn_worlds.drawing.palette import MOVER, ON_DARK
 
 # Characters that could end a script element or a line of JavaScript inside JSON.
 _UNSAFE_IN_SCRIPTS = {
@@ -106,8 +107,7 @@ def _environment() -> jinja2.Environment:
     )
     environment.globals |= {
         "asset": asset,
-        "page_colors": PAGE,
-        "themed_colors": ON_DARK,
+        "palette": palette,
     }
     for function in (
         script_json,

@@ -7,6 +7,7 @@ DIR:MODULE:FUNCTION or FILE.py[:FUNCTION], followed by arguments.
 
 import json
 import re
+import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -24,6 +25,8 @@ _MANIFEST = "package.xml"
 _SETUP = "setup.py"
 _CMAKE = "CMakeLists.txt"
 _BUILDS = (_SETUP, _CMAKE)
+# Part of the stand-ins, which a workspace of a full ROS need not have.
+_TYPE_BUILDER = "barn_ros_stand_ins.missing_types"
 _LARGEST_BYTES = 1 << 20
 # Depth to which packages are sought below the user's folder: mostly src/PACKAGE.
 _DEPTH = 4
@@ -106,10 +109,10 @@ class Executable:
         if self.launched:
             return [path for node, _ in self.launched for path in node.sources()]
         module, colon, _ = self.entry.partition(":")
-        path = self.folder / self.entry
-        if colon:
-            path = find_module(module, self.import_path) or path
-        return [path]
+        if not colon:
+            return [self.folder / self.entry]
+        missing = self.folder.joinpath(*module.split(".")).with_suffix(".py")
+        return [find_module(module, self.import_path) or missing]
 
     def make_prefix(self, prefix: Path, inherited: Mapping[str, str]) -> dict[str, str]:
         """Link packages into a ROS prefix; return PYTHONPATH and AMENT_PREFIX_PATH.
@@ -130,14 +133,32 @@ class Executable:
                 link = prefix / "share" / name
                 link.unlink(missing_ok=True)
                 link.symlink_to(package, target_is_directory=True)
+        prefix = prefix.absolute()
+        types = prefix / "types"
+        self._build_types(prefix / "share", types)
         variables = {}
         for key, folders in (
-            ("PYTHONPATH", self.import_path),
-            ("AMENT_PREFIX_PATH", [prefix.resolve()]),
+            ("PYTHONPATH", [*self.import_path, types]),
+            ("LD_LIBRARY_PATH", [types]),
+            ("AMENT_PREFIX_PATH", [prefix]),
         ):
             texts = [*map(str, folders), inherited.get(key, "")]
             variables[key] = ":".join(filter(None, texts))
         return variables
+
+    def _build_types(self, share: Path, folder: Path) -> None:
+        """Build the message types that its files import from its packages.
+
+        If that fails, FOLDER.log says why, and the planner which modules are missing.
+
+        Args:
+            share: Folder with the packages by name.
+            folder: Folder to build in, made if there is anything to build.
+        """
+        words: list[str | Path] = [sys.executable, "-m", _TYPE_BUILDER, folder, share]
+        words += self.sources()
+        with folder.with_suffix(".log").open("wb") as log:
+            subprocess.run(words, stdout=log, stderr=log, check=False)  # noqa: S603
 
 
 def find_packaged(words: Sequence[str]) -> Executable | None:
@@ -190,9 +211,12 @@ def find_executable(text: str) -> Executable:
     # Some have no manifest.
     packages = packages or [file.parent for file in files if file.name in _BUILDS]
     if not packages:
+        commanding = [
+            str(file) for file in files if file.suffix == ".py" and _commands(file)
+        ]
         raise ConfigError(
             f"{subject}: no package (package.xml) in {path}; give a single file as"
-            " FILE.py or FILE.py:FUNCTION"
+            f" FILE.py or FILE.py:FUNCTION: {', '.join(commanding)}"
         )
     if ":" in name:
         return Executable(name.partition(":")[0], packages[0], name)
@@ -235,11 +259,15 @@ def _choose(name: str, files: Sequence[Path], packages: Sequence[Path]) -> Execu
     matching = [item for item in executables if name in ("", item.name)]
     # Beside a compiled planner there may be a helper in Python.
     if len(matching) == 1 and (name or not compiled):
+        (source,) = matching[0].sources()
+        stray = [file for file in files if file.name == source.name]
+        if stray and not source.is_file():
+            raise ConfigError(f"{source} is missing; start its namesake, {stray[0]}")
         return matching[0]
 
     problem = "name one of its executables or launch files"
     # Those that send commands come first.
-    executables.sort(key=lambda item: "Twist" not in _read(item.sources()[0]))
+    executables.sort(key=lambda item: not _commands(item.sources()[0]))
     names = [item.name for item in executables]
     names += [file.name for file in launch_files]
     if named_files or (name and matching):
@@ -329,6 +357,11 @@ def _read(path: Path) -> str:
     if not path.is_file():
         return ""
     return read_bytes(path, _LARGEST_BYTES).decode("utf-8", "replace")
+
+
+def _commands(path: Path) -> bool:
+    """Return whether a file may send velocity commands."""
+    return "Twist" in _read(path)
 
 
 def _read_cmake(package: Path) -> str:

@@ -21,8 +21,12 @@ def test_the_last_of_a_chain_of_nodes_commands_and_the_first_hears():
     assert attempt.topics["scan"] == "/scan_raw"
 
 
-def test_only_a_pose_that_is_called_a_goal_is_one():
+def test_only_what_is_called_a_goal_is_one():
     poses = endpoints(("/current_pose", POSE), ("/move_base_simple/goal", POSE))
     attempt = connect(Graph((), poses))
     assert attempt.topics["goal_pose"] == "/move_base_simple/goal"
-    assert connect(Graph((), poses[:1])).topics["goal_pose"] == ""
+    record = ("/record", "own_interfaces/action/Record")
+    graph = Graph((), poses[:1], [record])
+    assert connect(graph).topics["goal_pose"] == ""
+    graph = Graph((), (), [record, ("/go", "nav2_msgs/action/NavigateToPose")])
+    assert connect(graph).topics["goal_pose"] == "action /go"

@@ -207,6 +207,35 @@ def test_an_entry_and_a_file_can_be_named(workspace):
     assert find_executable(f"{workspace}:follower").folder == file.parents[1]
 
 
+@pytest.mark.skipif(shutil.which("c++") is None, reason="there is no compiler")
+def test_message_types_of_a_workspace_are_built_if_the_planner_imports_them(
+    workspace, tmp_path
+):
+    pytest.importorskip("rosidl_generator_py", reason="ROS 2 is not installed")
+    # A folder may have another name than its package.
+    folder = workspace / "src" / "types"
+    write_package(folder, "own_msgs", {"msg/Info.msg": "geometry_msgs/Point p\n"})
+    (workspace / "src/follow/follow/node.py").write_text(
+        "from own_msgs.msg import Info\nfrom rclpy.serialization import serialize_message\n"
+        "def main(): print(len(serialize_message(Info())))\n"
+    )
+    other = {"setup.py": SETUP.replace("follow", "other"), "other/node.py": ""}
+    write_package(workspace / "src" / "other", "other", other)
+    find_executable(f"{workspace}/src:otherer").make_prefix(tmp_path / "other", {})
+    assert not (tmp_path / "other" / "types").exists()
+
+    executable = find_executable(f"{workspace}/src:follower")
+    variables = executable.make_prefix(tmp_path / "prefix", {})
+    process = subprocess.run(
+        executable.command, env=variables, capture_output=True, text=True, check=True
+    )
+    assert process.stdout == "28\n"
+
+    (folder / "msg" / "Bad.msg").write_text("nowhere/Point p\n")
+    executable.make_prefix(tmp_path / "second", {})
+    assert "nowhere" in (tmp_path / "second" / "types.log").read_text()
+
+
 COMPUTED = "console_scripts = []\nd = {'console_scripts': [f'{name()} = a:b']}\n"
 COMPILED = "add_executable(planner_node src/planner.cpp)\n"
 
@@ -231,6 +260,11 @@ COMPILED = "add_executable(planner_node src/planner.cpp)\n"
         ),
         ({"setup.py": "def ("}, "", "p/setup.py: .*invalid syntax|was never closed"),
         ({"setup.py": ""}, "", "name the function to start: DIR:MODULE:FUNCTION"),
+        (
+            {"setup.py": SETUP, "scripts/node.py": ""},
+            ":follower",
+            r"p/follow/node.py is missing; start .*/p/scripts/node.py$",
+        ),
         (
             {"CMakeLists.txt": COMPILED},
             "",
@@ -263,6 +297,13 @@ def test_what_cannot_be_started_is_refused_with_what_to_type(
         find_executable(f"{tmp_path}/p{name}")
 
 
+def test_the_files_that_send_commands_are_named_where_there_is_no_package(tmp_path):
+    (tmp_path / "drive.py").write_text("self.create_publisher(Twist, '/cmd_vel', 1)")
+    (tmp_path / "view.py").touch()
+    with pytest.raises(ConfigError, match=r"FILE.py:FUNCTION: \S*/drive.py$"):
+        find_executable(str(tmp_path))
+
+
 def test_modules_are_looked_for_through_a_packages_own_files(workspace):
     node = workspace / "src/follow/follow/node.py"
     node.write_text(
@@ -277,7 +318,9 @@ def test_modules_are_looked_for_through_a_packages_own_files(workspace):
     source = read_source(f"package:{workspace}:follower")
     missing = source.missing_modules({})
     assert list(missing) == ["nowhere_a", "own_interfaces", "tf2"]
-    assert missing["own_interfaces"].startswith("build its types with colcon")
+    assert missing["own_interfaces"].startswith(
+        "its types are neither installed nor built here"
+    )
     assert "PyPI is another package" in missing["tf2"]
     assert source.goal_arguments() == " --ros-args -p goal_x:={goal_x}"
 

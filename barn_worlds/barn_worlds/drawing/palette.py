@@ -66,27 +66,7 @@ ON_DARK = {
     "#2a2a60": "#785ad0",
 }
 
-# A page, by property of its style sheet: on white and on dark paper. Print is on white.
-PAGE = {
-    "paper": (WHITE, "#15171b"),
-    "panel": ("#f5f6f8", "#1e2127"),
-    "ink": ("#1a1c20", "#e8eaee"),
-    "soft": ("#5b6270", "#a3aab6"),
-    "line": ("#d5d9e0", "#363b45"),
-    "accent": (BLUE, "#6bb8ea"),
-    "good": ("#007a58", "#38c49a"),
-    "bad": (CONTACT, "#f58a4b"),
-    "obstacle": (OBSTACLE, "#aeb4be"),
-    "wall": (WALL, "#6d7480"),
-    "mover": (MOVER, "#b795cc"),
-    "map": (OBSTACLE, "#aeb4be"),
-    "unknown": (UNKNOWN, "#2c3038"),
-    "robot": (ROBOT, "#f0b429"),
-    "trail": (TRAIL, "#6bb8ea"),
-    "scan": (SCAN, "#ff8a4c"),
-    "plan": (PLAN, "#35c79c"),
-    "local": (LOCAL_PLAN, "#e39cc6"),
-    "band": (BAND, "#7cc8f2"),
-    "candidate": (CANDIDATE, "#7d838e"),
-    "cost": ("#8e7cc3", "#a594d6"),
-}
+# A page on white and on dark paper. Its style sheet has its other colors.
+PAPER = (WHITE, "#15171b")
+PANEL = ("#f5f6f8", "#1e2127")
+PAGE_INK = "#1a1c20"

@@ -97,9 +97,8 @@ def test_the_difference_is_that_of_its_authors(one, other, expected):
 @pytest.mark.parametrize("family", FAMILIES)
 def test_colors_are_seen_and_told_apart(family, theme):
     colors = [(one, palette.ON_DARK[one])[theme] for one in FAMILIES[family]]
-    for name in ("paper", "panel"):
-        paper = palette.PAGE[name][theme]
-        assert min(contrast(color, paper) for color in colors) >= 3.0
+    for paper in (palette.PAPER, palette.PANEL):
+        assert min(contrast(color, paper[theme]) for color in colors) >= 3.0
     for vision in (np.eye(3), DEUTERANOPIA):
         seen = [lab(vision @ linear(color)) for color in colors]
         pairs = [(a, b) for place, a in enumerate(seen) for b in seen[:place]]

@@ -27,7 +27,7 @@ from barn_worlds.base.errors import ConfigError, convert_os_errors, format_error
 from barn_worlds.base.files import replace_file
 from barn_worlds.base.types import Pose2D
 from barn_worlds.drawing.files import gif_bytes
-from barn_worlds.drawing.palette import PAGE, WHITE
+from barn_worlds.drawing.palette import PAGE_INK, WHITE
 
 ENDINGS = (".html", ".png", ".gif", ".mp4")
 _MAX_BAGS = 6
@@ -257,5 +257,5 @@ def _add_caption(pixels: Pixels, recorded: RecordedTrial, time_s: float) -> Pixe
     position = (12, picture.height - 26)
     left, top, right, bottom = draw.textbbox(position, text, font=font)
     draw.rounded_rectangle((left - 6, top - 5, right + 6, bottom + 5), 4, fill=WHITE)
-    draw.text(position, text, fill=PAGE["ink"][0], font=font)
+    draw.text(position, text, fill=PAGE_INK, font=font)
     return np.asarray(picture)

@@ -199,7 +199,7 @@ def _bind(path: Path, flags: int = 0, source: Path | None = None) -> None:
 
 
 def _hide(folder: Path, command: list[str]) -> None:
-    """Put an empty read-only mount over a folder, with only the files a command names.
+    """Put a read-only mount over a folder, with its ROS prefix and what a command names.
 
     Bags would tell the true pose while the robot drives. The folders above become
     mounts, too: a folder that another replaces would give the planner a second try.
@@ -213,6 +213,10 @@ def _hide(folder: Path, command: list[str]) -> None:
         path = Path(word.rpartition(":=")[2]).absolute()
         if folder in path.parents and path.is_file():
             contents[path] = path.read_bytes()
+    # The prefix of a planner that is started from its source is found by this handle.
+    prefix = Path(os.environ.get("AMENT_PREFIX_PATH", "").partition(":")[0])
+    has_prefix = folder in prefix.parents
+    handle = os.open(prefix if has_prefix else folder, os.O_PATH)
 
     for parent in reversed(folder.resolve().parents[:-1]):
         _bind(parent)
@@ -222,6 +226,10 @@ def _hide(folder: Path, command: list[str]) -> None:
     for path, content in contents.items():
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
+    if has_prefix:
+        prefix.mkdir(parents=True)
+        _bind(prefix, _MS_RDONLY, Path("/proc/self/fd", str(handle)))
+    os.close(handle)
     flags = _MS_REMOUNT | _MS_RDONLY
     _require_success(_LIBC.mount(None, name, None, flags, None), problem)
 

@@ -303,11 +303,14 @@ def test_an_isolated_planner_neither_sees_nor_moves_the_results(tmp_path, monkey
     parameters.parent.mkdir(parents=True)
     parameters.write_text("named")
     (results / "bag.partial").write_text("true pose")
+    (results / "prefix" / "share").mkdir(parents=True)
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"{results}/prefix:/opt")
     # A working directory from before would lead around what hides the folder.
     monkeypatch.chdir(tmp_path)
     script = """
     import os, sys
     print(sorted(os.listdir("above/out")), open(sys.argv[1]).read())
+    print(os.listdir("above/out/prefix"))
     for name in ("above", "above/out", os.getcwd()):
         try:
             os.rename(name, name + "_moved")
@@ -323,6 +326,6 @@ def test_an_isolated_planner_neither_sees_nor_moves_the_results(tmp_path, monkey
         tmp_path / "apart.log", *command, kind=f"{launcher.ISOLATED}:{results}"
     )
     lines = process.log.read_text().splitlines()
-    assert lines[0] == "['logs'] named"
-    assert lines[1:] == ["Device or resource busy"] * 3 + ["False False"]
+    assert lines[:2] == ["['logs', 'prefix'] named", "['share']"]
+    assert lines[2:] == ["Device or resource busy"] * 3 + ["False False"]
     assert (results / "bag.partial").exists()
