@@ -251,6 +251,7 @@ def test_goals_that_cannot_be_judged_leave_the_others(nearer, tmp_path, caplog):
     for change, stamp_ns in changes.items():
         messages.append(replace(edited(goal, change), stamp_ns=stamp_ns))
     messages.append(replace(goal, stamp_ns=end_ns + 1))
+    messages.append(replace(goal, topic="/move_base/goal"))
     options = JudgeOptions(protocol=near(nearer))
     for name, count, notes in (
         (
@@ -271,6 +272,12 @@ def test_goals_that_cannot_be_judged_leave_the_others(nearer, tmp_path, caplog):
         _, rows = judge([path], tmp_path / f"out_{name}", options)
         assert len(rows) == count
         assert rows[0].outcome is Outcome.SUCCESS
+        assert (
+            rows[0].remarks
+            == "goals on /move_base/goal are ignored; --goal selects them"
+        )
+        frames = "its goal is in frame 'elsewhere', but poses are in 'odom': --world or"
+        assert frames in rows[-1].remarks or name == "lab"
         for words in (
             *notes,
             "/goal_pose: messages are ignored: values",
@@ -476,6 +483,7 @@ def only_pose(message, name="/mocap"):
         ),
         (only_pose, {}, "no poses of a robot.*such as --pose /mocap; it has /mocap"),
         (kept, {"pose": "/pose"}, "has no topic /pose; it has /cmd"),
+        (kept, {"namespace": "/r1"}, "has no topic in namespace /r1; it has /cmd"),
         (kept, {"pose": "/tf:a.b"}, "on /tf:a.b .tf has .*odom to bas"),
         (
             kept,
