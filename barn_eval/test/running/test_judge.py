@@ -532,6 +532,11 @@ def test_the_command_prints_rows_and_what_is_to_be_known(nearer, tmp_path, comma
     assert "contacts are unknown" in err and "before a verdict" in err
     (row,) = (tmp_path / "o" / "results.jsonl").read_text().splitlines()
     assert '"system":"lab"' in row
+    other = write_bag(tmp_path / "dwa_w0121_r00", messages_of(nearer, kept))
+    line = f"judge {nearer} {other} --protocol {near(nearer)} --out {tmp_path}/two"
+    code, out, _ = command(line)
+    words = "planners cannot be compared: the two have no world and repetition"
+    assert (code, words in " ".join(out.split())) == (0, True)
 
 
 def test_a_bag_of_another_world_is_not_taken_for_one_of_the_suites(nearer, tmp_path):
