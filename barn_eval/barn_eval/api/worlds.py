@@ -12,13 +12,14 @@ import pandas as pd
 from barn_eval.analysis.pandas_tables import pandas_table
 from barn_eval.pages.figures import Plot
 from barn_eval.results.bags.recorded import read_recorded_trial
+from barn_eval.results.bags.sources import Sources
 from barn_eval.studies.survey import Survey, survey_course
 from barn_eval.trials.protocol import CHALLENGE, DYNABARN
 from barn_metrics.metrics import PUBLISHED, as_formula, world_metrics
 from barn_metrics.report import MetricsTable
 from barn_metrics.report import metrics_table as make_metrics_table
 from barn_worlds.base.config import from_dict, replace_dotted
-from barn_worlds.base.errors import ConfigError, WorldError, suggest
+from barn_worlds.base.errors import ConfigError, WorldError, note, suggest
 from barn_worlds.base.files import create_folder, write_bytes
 from barn_worlds.base.types import Pose2D
 from barn_worlds.datasets.dataset import (
@@ -546,6 +547,8 @@ def survey(
     robot: str | Path = "jackal",
     course: Sequence[float] = (),
     tolerance_m: float = 0.02,
+    pose: str = "",
+    namespace: str = "",
 ) -> Survey:
     """Locate a built world's obstacles from the scans of a drive; return a `Survey`.
 
@@ -553,14 +556,20 @@ def survey(
         bag: The drive, with scans and odometry.
         world: The plan.
         robot: Robot that drove.
-        course: As for `draw`; its start is used if the bag has no true poses.
+        course: As for `draw`; its start is used unless poses are in the world's frame.
         tolerance_m: Expected standard deviation of misplacements [m].
+        pose: Topic of poses, or frames of tf, such as "/tf:odom.base_link"; by default
+            the true poses or, without them, the odometry.
+        namespace: Namespace of the topics.
 
     Raises:
         BarnError: If the bag cannot be read, or its scans do not fit the plan.
     """
     _, start, _, _ = _with_course(world, load_robot(robot), course)
-    return survey_course(read_recorded_trial(Path(bag)), world, start, tolerance_m)
+    trial = read_recorded_trial(Path(bag), Sources(pose, namespace=namespace))
+    for problem in trial.problems:
+        note(f"{bag}: {problem}")
+    return survey_course(trial, world, start, tolerance_m)
 
 
 def write_figure(

@@ -9,6 +9,7 @@ from barn_eval.api import worlds as api_worlds
 from barn_eval.commands.options import (
     course_option,
     dataset_option,
+    field_option,
     file_option,
     json_option,
     parameters_option,
@@ -18,10 +19,12 @@ from barn_eval.commands.options import (
     robot_option,
 )
 from barn_eval.commands.tables import decimals_text, table
+from barn_eval.running.judge import JudgeOptions
 from barn_worlds.drawing.plan import PlanConfig
 from barn_worlds.formats.world_yaml import ENDING, write_world_yaml
 from barn_worlds.worlds.world import World
 
+_JUDGE_OPTIONS = JudgeOptions()
 _MOST_ROWS = 10
 
 
@@ -90,6 +93,8 @@ def plan(
     type=click.FloatRange(0.001, 0.1),
     help="Expected standard deviation of placement errors [m].",
 )
+@field_option(_JUDGE_OPTIONS, "pose")
+@field_option(_JUDGE_OPTIONS, "namespace")
 @json_option
 def survey(
     bag: Path,
@@ -100,11 +105,13 @@ def survey(
     robot: str,
     tolerance: float,
     as_json: bool,
+    pose: str | None,
+    namespace: str | None,
 ) -> None:
     """Locate the obstacles of a built world from the scans of a drive in BAG.
 
-    The survey measures where obstacles stand relative to each other. The bag's true
-    poses locate the course as a whole. Without true poses, the survey places the course
+    The survey measures where obstacles stand relative to each other. Poses in the frame
+    map or world locate the course as a whole. Without them, the survey places the course
     where it fits the plan best. The output lists obstacles with an uncertain position.
     The world that --out writes has these obstacles at their planned positions.
     """
@@ -112,7 +119,13 @@ def survey(
         raise click.UsageError(f"--out must end in {ENDING}, got {out}")
     world = _load(dataset, number)
     result = api_worlds.survey(
-        bag, world, robot=robot, course=course or (), tolerance_m=tolerance
+        bag,
+        world,
+        robot=robot,
+        course=course or (),
+        tolerance_m=tolerance,
+        pose=pose or "",
+        namespace=namespace or "",
     )
     content = result.table()
     records = content.to_dict("index")

@@ -60,7 +60,7 @@ from barn_eval.trials.ros_config import MODES, RosConfig
 from barn_eval.trials.run_config import ExecutionConfig, RunConfig
 from barn_sim.config import SimulatorConfig
 from barn_worlds.base.config import as_dict
-from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.datasets.dataset import open_dataset
 
 _RUN = RunConfig()
@@ -330,7 +330,13 @@ def print_results(
         source = read_source(request.out, results)
         scored = source.comparable_results
         notes = list_notes(entries_of([source]))
-    summary = summarize_run(scored) if scored else None
+    summary = None
+    if scored:
+        try:
+            summary = summarize_run(scored)
+        except BarnError as error:
+            # Such as for bags of planners that drove in different worlds.
+            notes.append(f"planners cannot be compared: {error}")
     if as_json:
         content: dict[str, Any] = {"planners": [], "comparisons": [], "verdict": ""}
         if summary is not None:

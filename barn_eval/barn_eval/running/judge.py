@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from barn_eval.results.bags.observed import Logged, ObservedDrive, read_observed_drive
-from barn_eval.results.bags.sources import Sources
+from barn_eval.results.bags.sources import FIXED_FRAMES, Sources
 from barn_eval.results.folder import ResultsFolder
 from barn_eval.results.run_file import WORLDS
 from barn_eval.results.store import TrialRecord
@@ -34,7 +34,6 @@ from barn_worlds.base.errors import (
 )
 from barn_worlds.base.types import Pose2D
 from barn_worlds.datasets.dataset import dataset_files
-from barn_worlds.messages.topics import FRAMES
 from barn_worlds.robots.files import load_robot
 from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.world import LARGEST_SIDE, World
@@ -45,7 +44,6 @@ T = TypeVar("T")
 RECORDED = "recorded"
 
 _TRIAL_ID = re.compile(r"(.+)_w(\d{4,})_r(\d\d)")
-_FIXED_FRAMES = (FRAMES.map, "world")
 _BACK_M = 0.5  # from where a trial began, for another one to begin
 _CELL_M = 10.0  # of a world of which nothing is known but start and goal
 
@@ -73,7 +71,7 @@ class JudgeOptions(Checked):
     )
     pose: str = quantity(
         "",
-        "topic of poses, or frames of tf, such as /tf:odom.base_link; by default the odometry topic",
+        "topic of poses, or frames of tf, such as /tf:odom.base_link; by default found by name or type",
     )
     frame: str = quantity(
         "auto",
@@ -185,7 +183,7 @@ def _system_of(drive: ObservedDrive, options: JudgeOptions) -> System:
         contact = OPERATOR
     frame = options.frame
     if frame == "auto":
-        frame = "world" if drive.frame in _FIXED_FRAMES else "odom"
+        frame = "world" if drive.frame in FIXED_FRAMES else "odom"
     return System(
         options.system, options.kind, drive.pose_source, frame, drive.clock, contact
     )
@@ -355,13 +353,10 @@ def _unknown_world(
         # From where the robot stood, whatever its poses began at.
         goal = start @ Pose2D(x, y, yaw).inverse() @ Pose2D(goal_x, goal_y, 0.0)
     if goal is None:
-        drive = segment.drive
-        reason = (
+        reason = segment.goal_problem or (
             "has no goal on /goal_pose (topics that may have one:"
-            f" {', '.join(drive.goal_topics) or 'none'})"
+            f" {segment.drive.other_goals or 'none'})"
         )
-        if drive.goals:
-            reason = f"its goal is in frame {segment.goal_frame!r}, but poses are in {drive.frame!r}"
         raise BagError(f"{path}: {reason}; name a goal by --goal, --world or --course")
     ends = np.array([(start.x, start.y), (goal.x, goal.y)])
     corner_x, corner_y = (ends.min(axis=0) - _CELL_M).tolist()

@@ -74,6 +74,16 @@ class Segment:
         return pose
 
     @property
+    def goal_problem(self) -> str:
+        """Why the bag's goal cannot be used; "" if it can, or if there is none."""
+        if self.goal or not self.drive.goals:
+            return ""
+        return (
+            f"its goal is in frame {self.goal_frame!r}, but poses are in"
+            f" {self.drive.frame!r}"
+        )
+
+    @property
     def trial_id(self) -> str:
         """Name of the trial, such as "gap_w0012_r00"."""
         return format_trial_id(self.planner, self.world, self.repetition)
@@ -131,6 +141,7 @@ def judge_segment(
     remarks += doubts + jumps
     if not spec.system.reports_contacts:
         remarks.append("contacts are unknown, as nobody reported them")
+    remarks += _list_ignored_goals(segment)
     if drive.problem:
         remarks.append(drive.problem)
 
@@ -251,6 +262,18 @@ def _take_readings(segment: Segment, origin: Pose2D) -> dict[int, Odometry]:
         last = Odometry(stamp_ns, pose, velocity)
         readings[index] = last
     return readings
+
+
+def _list_ignored_goals(segment: Segment) -> list[str]:
+    """Return remarks on goals in the bag that do not count."""
+    drive = segment.drive
+    remarks = []
+    # In a bag of the suite, the goal is the world's in any frame.
+    if segment.goal_problem and not drive.trial:
+        remarks.append(f"{segment.goal_problem}: --world or --course sets the goal")
+    if drive.other_goals:
+        remarks.append(f"goals on {drive.other_goals} are ignored; --goal selects them")
+    return remarks
 
 
 def _list_doubts(

@@ -3,7 +3,7 @@
 Poses of the lidar and centers of cylinders are adjusted together until the returns of
 all scans lie on the cylinders (a bundle adjustment by Gauss-Newton steps). Odometry
 only gives the initial poses. Scans alone do not show where the course as a whole lies:
-the true poses of the bag or, without them, the plan fix it.
+poses in the world's frame or, without them, the plan fix it.
 """
 
 import math
@@ -14,10 +14,12 @@ import pandas as pd
 from scipy.sparse import csr_matrix
 from scipy.spatial import KDTree
 
-from barn_eval.results.bags.recorded import MAP, RecordedTrial
+from barn_eval.results.bags.recorded import RecordedTrial
+from barn_eval.results.bags.sources import FIXED_FRAMES
 from barn_worlds.base.arrays import Floats, Integers, Points, unit_vectors
 from barn_worlds.base.errors import BagError
 from barn_worlds.base.types import Pose2D, Scan
+from barn_worlds.messages import topics
 from barn_worlds.worlds.world import World
 
 # A scan is used if the robot has moved or turned this far since the last used scan.
@@ -50,7 +52,7 @@ class Survey:
     centers_m: Points
     errors_m: Floats  # standard error of each position relative to the others
     returns: Integers
-    # What fixes the course as a whole: "plan" or "true poses".
+    # What fixes the course as a whole: "plan", or poses in the world's frame.
     datum: str
 
     def table(self) -> pd.DataFrame:
@@ -62,10 +64,11 @@ class Survey:
         table["error_mm"] = 1000.0 * self.errors_m
         table["returns"] = self.returns
         # A few returns may be of a neighbor. The last reason that applies is kept.
+        is_doubtful = table.error_mm > _LARGEST_ERROR_MM
+        is_doubtful |= table.returns < _LEAST_RETURNS
         table["unsure"] = ""
         for reason, is_unsure in (
-            ("seen too little", table.error_mm > _LARGEST_ERROR_MM),
-            ("seen too little", table.returns < _LEAST_RETURNS),
+            ("seen too little", is_doubtful),
             ("too far off to identify", table.off_mm > _FARTHEST_MM),
             ("not seen", table.returns == 0),
         ):
@@ -88,26 +91,26 @@ def survey_course(
         trial: The drive, with odometry and scans.
         world: The plan.
         start: Pose of base_link in the map frame at the first pose of the drive; used
-            if the bag has no true poses.
+            unless poses are in the world's frame.
         tolerance_m: Expected standard deviation of misplacements [m].
 
     Raises:
         BagError: If the bag has no scans, or they do not fit the plan.
     """
     returns, places = _select_scans(trial)
-    has_truth = trial.frame == MAP
-    motions = trial.odometry
+    has_truth = trial.frame in FIXED_FRAMES
     if has_truth:
-        motions = trial.poses
-        start = Pose2D(*motions[0].tolist())
+        start = Pose2D(*trial.poses[0].tolist())
 
     # First fit each scan to the plan, so that errors of the odometry do not add up.
     plan_m = world.planned_m
     poses = np.empty((len(places), 3))
     pose = start @ trial.lidar
-    last = Pose2D(*motions[0].tolist()) @ trial.lidar
+    last = Pose2D(*trial.poses[0].tolist()) @ trial.lidar
+    recorded_m = np.empty((len(places), 2))
     for number, place in enumerate(places):
-        lidar = Pose2D(*motions[place].tolist()) @ trial.lidar
+        lidar = Pose2D(*trial.poses[place].tolist()) @ trial.lidar
+        recorded_m[number] = (lidar.x, lidar.y)
         pose = pose @ last.inverse() @ lidar
         last = lidar
         poses[number] = (pose.x, pose.y, pose.yaw)
@@ -129,7 +132,8 @@ def survey_course(
             raise BagError(
                 f"{trial.name}: its scans do not fit {world.name}: {share:.0%} of the"
                 f" returns in it are near an obstacle, must be {_LEAST_SHARE:.0%}; name"
-                " the world of the drive, and --course if the drive began elsewhere"
+                " the world of the drive, --course if it began elsewhere, or other"
+                " poses by --pose"
             )
         information, gradient = _normal_equations(matches, first, plan_m.size, noise_m)
         prior = tolerance_m**-2
@@ -144,12 +148,8 @@ def survey_course(
 
     datum = "plan"
     if has_truth:
-        datum = "true poses"
-        true_m = []
-        for row in trial.poses[places].tolist():
-            pose = Pose2D(*row) @ trial.lidar
-            true_m.append((pose.x, pose.y))
-        centers_m = _fit(poses[:, :2], np.array(true_m)).transform(centers_m)
+        datum = f"poses in frame {trial.frame}"
+        centers_m = _fit(poses[:, :2], recorded_m).transform(centers_m)
     counts = np.bincount(matches[:, 1].astype(int), minlength=len(plan_m))
     covariance = np.asarray(np.linalg.inv(information), np.float64)[first:, first:]
     errors_m = _standard_errors(covariance, centers_m, counts)
@@ -170,7 +170,7 @@ def _select_scans(trial: RecordedTrial) -> tuple[Floats, list[int]]:
     """
     last = Pose2D(np.inf, np.inf, 0.0)
     chosen: list[tuple[Scan, int]] = []
-    for item in trial.scans:
+    for item in trial.items[topics.SCAN]:
         place = trial.index_at(item.time_s)
         pose = Pose2D(*trial.poses[place].tolist())
         is_turned = chosen and abs((last.inverse() @ pose).yaw) > _STEP_RAD

@@ -48,6 +48,7 @@ from barn_worlds.messages.topics import (
     DIAGNOSTICS,
     LOCAL_PLAN,
     PLAN,
+    SCAN,
 )
 from barn_worlds.robots.files import find_robot_files, load_robot
 from barn_worlds.ros.domain import reserve_domain
@@ -135,7 +136,7 @@ def test_a_free_running_trial_meets_movers_where_scans_do(tmp_path):
     np.testing.assert_allclose(moving.places, expected, atol=1e-9)
     walls = wall_bodies(spec.world.walls)
     point = Footprint(np.zeros((1, 2)), 1e-9)
-    for item in bag.scans[::10]:
+    for item in bag.items[SCAN][::10]:
         robot = Pose2D(*bag.poses[bag.index_at(item.time_s)].tolist())
         is_hit = np.isfinite(item.content.ranges)
         angles = item.content.angles()[is_hit]

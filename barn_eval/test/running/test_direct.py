@@ -33,6 +33,7 @@ from barn_eval.trials import trial
 from barn_eval.trials.protocol import CHALLENGE, PAPER_2020
 from barn_eval.trials.result import Outcome, from_json_line, to_json_line
 from barn_eval.trials.spec import simulator_config
+from barn_worlds.messages import topics
 from barn_worlds.messages.cdr import deserialize, serialize
 
 QUICK = replace(
@@ -53,11 +54,10 @@ def test_a_bag_says_in_which_frame_a_planner_follows_its_plan(
         replace(spec_of(open_world, short), planner="eband", preset=preset),
         tmp_path / "bag",
     )
-    bag = read_recorded_trial(tmp_path / "bag")
-    assert bag.costmaps
-    assert {item.frame for item in [*bag.costmaps, *bag.local_plans, *bag.bands]} == {
-        frame
-    }
+    items = read_recorded_trial(tmp_path / "bag").items
+    assert items[topics.COSTMAP]
+    for topic in (topics.COSTMAP, topics.LOCAL_PLAN, topics.BAND):
+        assert {item.frame for item in items[topic]} == {frame}
 
 
 @pytest.mark.parametrize(

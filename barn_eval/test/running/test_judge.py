@@ -251,6 +251,7 @@ def test_goals_that_cannot_be_judged_leave_the_others(nearer, tmp_path, caplog):
     for change, stamp_ns in changes.items():
         messages.append(replace(edited(goal, change), stamp_ns=stamp_ns))
     messages.append(replace(goal, stamp_ns=end_ns + 1))
+    messages.append(replace(goal, topic="/move_base/goal"))
     options = JudgeOptions(protocol=near(nearer))
     for name, count, notes in (
         (
@@ -271,6 +272,12 @@ def test_goals_that_cannot_be_judged_leave_the_others(nearer, tmp_path, caplog):
         _, rows = judge([path], tmp_path / f"out_{name}", options)
         assert len(rows) == count
         assert rows[0].outcome is Outcome.SUCCESS
+        assert (
+            rows[0].remarks
+            == "goals on /move_base/goal are ignored; --goal selects them"
+        )
+        frames = "its goal is in frame 'elsewhere', but poses are in 'odom': --world or"
+        assert frames in rows[-1].remarks or name == "lab"
         for words in (
             *notes,
             "/goal_pose: messages are ignored: values",
@@ -476,6 +483,7 @@ def only_pose(message, name="/mocap"):
         ),
         (only_pose, {}, "no poses of a robot.*such as --pose /mocap; it has /mocap"),
         (kept, {"pose": "/pose"}, "no topic /pose; it has /cmd"),
+        (kept, {"namespace": "/r1"}, "no topic in namespace /r1; it has /cmd"),
         (kept, {"pose": "/tf:a.b"}, "on /tf:a.b .tf has .*odom to bas"),
         (
             kept,
@@ -524,6 +532,11 @@ def test_the_command_prints_rows_and_what_is_to_be_known(nearer, tmp_path, comma
     assert "contacts are unknown" in err and "before a verdict" in err
     (row,) = (tmp_path / "o" / "results.jsonl").read_text().splitlines()
     assert '"system":"lab"' in row
+    other = write_bag(tmp_path / "dwa_w0121_r00", messages_of(nearer, kept))
+    line = f"judge {nearer} {other} --protocol {near(nearer)} --out {tmp_path}/two"
+    code, out, _ = command(line)
+    words = "planners cannot be compared: the two have no world and repetition"
+    assert (code, words in " ".join(out.split())) == (0, True)
 
 
 def test_a_bag_of_another_world_is_not_taken_for_one_of_the_suites(nearer, tmp_path):

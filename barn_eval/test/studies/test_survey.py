@@ -57,9 +57,7 @@ def test_what_is_well_seen_is_found_to_3_mm(built):
 
 def test_by_odometry_alone_places_hold_among_each_other(built):
     built_m, bag = built
-    trial = read_recorded_trial(bag)
-    alone = replace(trial, frame=ODOM, poses=trial.odometry)
-    survey = survey_course(alone, PLAN, START, 0.02)
+    survey = barn.worlds.survey(bag, PLAN, pose="/odom")
     assert survey.datum == "plan"
     table = survey.table()
     sure = np.flatnonzero(table.unsure == "")
@@ -74,9 +72,11 @@ def test_the_course_as_built_is_driven(built, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)  # where results go
     _, bag = built
     out = tmp_path / f"as_built_{NUMBER}.world.yaml"
+    line = f"course survey {bag} --world 120 --pose /ground_truth/odom --out {out}"
     with pytest.raises(SystemExit, match="0"):
-        main(["course", "survey", str(bag), "--world", "120", "--out", str(out)])
-    assert "not seen" in capsys.readouterr().out
+        main(line.split())
+    printed = capsys.readouterr().out
+    assert "not seen" in printed and "the poses in frame map" in printed
     world = read_world_yaml(out)
     assert world.checksum != PLAN.checksum
     assert np.array_equal(world.cylinders_m[117:121], PLAN.planned_m[117:121])
@@ -96,6 +96,6 @@ def test_scans_of_another_world_are_refused(built):
 def test_poses_in_mm_are_refused(built):
     trial = read_recorded_trial(built[1])
     poses = trial.odometry * [1000.0, 1000.0, 1.0]
-    wrong = replace(trial, frame=ODOM, poses=poses, odometry=poses)
+    wrong = replace(trial, frame=ODOM, poses=poses)
     with pytest.raises(BagError, match="locate no obstacle of world_120; poses must"):
         survey_course(wrong, PLAN, START, 0.02)

@@ -1,22 +1,24 @@
 """Make the data of the replay page: a recorded trial as small arrays in one frame."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from barn_eval.results.bags.movers import MAX_EXTRAPOLATION_S, TRAIL_S
-from barn_eval.results.bags.recorded import RecordedTrial, TimedItem
+from barn_eval.results.bags.recorded import RecordedTrial
 from barn_eval.results.tracks import pack_arrays
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.types import ORIGIN, OccupancyMap, Pose2D
 from barn_worlds.geometry.bodies import Bodies, moving_bodies, wall_bodies
+from barn_worlds.messages import topics
 from barn_worlds.worlds.world import World
 
 Packable = npt.NDArray[Any]
 Arrays = dict[str, Packable]
 
+# Topics whose content is lines.
+_LINES = (topics.PLAN, topics.LOCAL_PLAN, topics.CANDIDATES, topics.BAND)
 _MAX_BEAMS = 240
 _MAX_POINTS = 120
 _MAX_COSTMAPS = 120
@@ -35,6 +37,7 @@ _SMALL_TYPES = {"f8": "f4", "i8": "i4", "b1": "u1"}
 def make_payload(recorded: RecordedTrial) -> dict[str, Any]:
     """Return a replay page's JSON data: packed arrays and what describes them."""
     scene = recorded.scene
+    items = recorded.items
     progress = progress_m(recorded)
     arrays: Arrays = {
         "times": recorded.times_s,
@@ -55,12 +58,12 @@ def make_payload(recorded: RecordedTrial) -> dict[str, Any]:
         "moving": _add_moving(recorded, arrays),
         "recoveries": list(recorded.recoveries_s),
         "along_path": progress is not None,
-        "outcomes": [[item.time_s, item.content] for item in recorded.outcomes],
+        "outcomes": [[item.time_s, item.content] for item in items[topics.OUTCOME]],
     }
     arrays["progress"] = np.empty(0) if progress is None else progress
     arrays["clearance"] = recorded.clearance_m
-    arrays["score_times"] = np.array([item.time_s for item in recorded.scores])
-    arrays["scores"] = np.array([item.content for item in recorded.scores], "f4")
+    arrays["score_times"] = np.array([item.time_s for item in items[topics.SCORE]])
+    arrays["scores"] = np.array([item.content for item in items[topics.SCORE]], "f4")
     if recorded.map is not None:
         content["map"] = _grid_list(recorded.map, ORIGIN)
         cells = recorded.map.data.ravel()
@@ -71,10 +74,8 @@ def make_payload(recorded: RecordedTrial) -> dict[str, Any]:
         arrays["map"] = occupied + 2 * unknown
 
     content["scan"] = _add_scans(recorded, arrays)
-    _add_lines(recorded, "plan", recorded.plans, arrays)
-    _add_lines(recorded, "local_plan", recorded.local_plans, arrays)
-    _add_lines(recorded, "candidates", recorded.candidates, arrays)
-    _add_lines(recorded, "band", recorded.bands, arrays)
+    for topic in _LINES:
+        _add_lines(recorded, topic, arrays)
     _add_bubbles(recorded, arrays)
     content["costmaps"] = _add_costmaps(recorded, arrays)
     content["packed"] = pack_small(arrays)
@@ -209,14 +210,13 @@ def _add_scans(recorded: RecordedTrial, arrays: Arrays) -> dict[str, float] | No
 
     Scans with another number of beams than the first are left out.
     """
-    if not recorded.scans:
+    scans = recorded.items[topics.SCAN]
+    if not scans:
         return None
-    first = recorded.scans[0].content
+    first = scans[0].content
     # Rounded up, so that there are never more beams than the page draws quickly.
     stride = -(-len(first.ranges) // _MAX_BEAMS)
-    scans = [
-        item for item in recorded.scans if len(item.content.ranges) == len(first.ranges)
-    ]
+    scans = [item for item in scans if len(item.content.ranges) == len(first.ranges)]
     # One array needs scans of one length.
     ranges = np.array([item.content.ranges[::stride] for item in scans], np.float64)
     is_near = (ranges >= first.range_min) & (ranges < _NO_RANGE / 100.0)
@@ -232,14 +232,14 @@ def _add_scans(recorded: RecordedTrial, arrays: Arrays) -> dict[str, float] | No
     }
 
 
-def _add_lines(
-    recorded: RecordedTrial, name: str, items: Sequence[TimedItem], arrays: Arrays
-) -> None:
-    """Add lines, of at most 120 points each, to `arrays`; their keys begin with `name`.
+def _add_lines(recorded: RecordedTrial, topic: topics.Topic, arrays: Arrays) -> None:
+    """Add lines of a topic, of at most 120 points each, to `arrays` by its name.
 
     They are in the replay's frame: times, points, where each line begins, and which
     lines show when.
     """
+    name = topic.name
+    items = recorded.items[topic]
     points = [np.empty((0, 2))]
     lengths = [0]
     line_counts = [0]
@@ -268,7 +268,7 @@ def _add_bubbles(recorded: RecordedTrial, arrays: Arrays) -> None:
     """
     discs = [np.empty((0, 3))]
     counts = [0]
-    for item in recorded.bands:
+    for item in recorded.items[topics.BAND]:
         centers = recorded.to_frame(item).transform(item.content.discs[:, :2])
         discs.append(np.column_stack([centers, item.content.discs[:, 2]]))
         counts.append(len(centers))
@@ -281,9 +281,10 @@ def _add_costmaps(recorded: RecordedTrial, arrays: Arrays) -> list[list[float]]:
 
     Level 0 is free or unknown.
     """
+    costmaps = recorded.items[topics.COSTMAP]
     # The division is rounded up, so that there are never more than the limit.
-    stride = max(1, -(-len(recorded.costmaps) // _MAX_COSTMAPS))
-    costmaps = recorded.costmaps[::stride]
+    stride = max(1, -(-len(costmaps) // _MAX_COSTMAPS))
+    costmaps = costmaps[::stride]
     cells = [np.empty(0, "u1")]
     grids = []
     for item in costmaps:

@@ -1,7 +1,5 @@
 """Read a robot's drive from any bag: poses, scans, commands, contacts and goals."""
 
-import math
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from operator import attrgetter
@@ -16,12 +14,11 @@ from barn_eval.results.bags.decode import (
     frame_and_content,
     metadata,
 )
-from barn_eval.results.bags.sources import PoseReader, Sources, TopicChoice
+from barn_eval.results.bags.sources import Sources, TopicChoice
 from barn_eval.trials.stamps import number_clocks
 from barn_eval.trials.system import NO_CONTACT
 from barn_worlds.base.arrays import Integers
-from barn_worlds.base.errors import BagError, MessageError, format_error, note
-from barn_worlds.base.types import Odometry
+from barn_worlds.base.errors import BagError, MessageError, note
 from barn_worlds.messages import topics
 
 
@@ -43,7 +40,7 @@ class ObservedDrive:
     clock: str = "stamps"  # or "log" if poses have no stamps
     poses: list[Logged] = field(default_factory=list)  # Odometry
     goals: list[Logged] = field(default_factory=list)  # Pose2D
-    goal_topics: list[str] = field(default_factory=list)  # that may have goals
+    other_goals: str = ""  # topics that may have more, separated by commas
     contacts: list[Logged] = field(default_factory=list)  # bool
     commands: list[Logged] = field(default_factory=list)  # Velocity2D
     scans: list[Logged] = field(default_factory=list)  # Scan
@@ -77,20 +74,15 @@ def read_observed_drive(path: Path, sources: Sources) -> ObservedDrive:
     bag = BagFile(path)
     choice = TopicChoice(bag, sources)
     reader = choice.pose_reader()
-    drive = ObservedDrive(path, reader.name, goal_topics=choice.goals)
+    drive = ObservedDrive(path, reader.name, other_goals=choice.other_goals)
     for message in bag.messages({*choice.paths, *reader.topics}):
-        try:
-            if message.topic in reader.topics:
-                # Poses that are left out are a gap.
-                for odometry in filter(_is_finite, reader.read(message)):
-                    drive.poses.append(Logged(message.stamp_ns, odometry))
-            _take_message(drive, choice, message)
-        except MessageError as error:
-            raise BagError(f"{path}: {message.topic}: {format_error(error)}") from None
+        if message.topic in reader.topics:
+            for odometry in reader.read(message):
+                drive.poses.append(Logged(message.stamp_ns, odometry))
+        _take_message(drive, choice, message)
     drive.problem = bag.problem
     if not drive.poses:
-        reason = bag.problem or _explain_missing(reader, sources.frames)
-        raise BagError(f"{path}: no poses of a robot on {reader.name} ({reason})")
+        raise reader.missing_error()
     # A file may be out of order.
     for items in (drive.poses, drive.goals):
         items.sort(key=attrgetter("log_ns"))
@@ -103,43 +95,11 @@ def read_observed_drive(path: Path, sources: Sources) -> ObservedDrive:
     drive.trial = metadata(bag, "barn.trial", "specification")
     if not any(pose.content.stamp_ns for pose in drive.poses):
         drive.clock = "log"
-        for number, (log_ns, pose, _) in enumerate(drive.poses):
-            drive.poses[number] = Logged(log_ns, replace(pose, stamp_ns=log_ns))
+        drive.poses = [
+            Logged(log_ns, replace(pose, stamp_ns=log_ns))
+            for log_ns, pose, _ in drive.poses
+        ]
     return drive
-
-
-def _explain_missing(reader: PoseReader, frames: Sequence[str]) -> str:
-    """Return why a reader has found no poses, by topic or by `frames` of tf."""
-    if not frames:
-        return "none was sent, or none is finite"
-    chain = _find_chain(reader.links, frames)
-    if chain:
-        return f"other frames are between: --pose /tf:{'.'.join(chain)}"
-    links = sorted(f"{parent} to {child}" for parent, child in reader.links)
-    return f"tf has {', '.join(links) or 'no frames'}"
-
-
-def _find_chain(links: Iterable[tuple[str, str]], frames: Sequence[str]) -> list[str]:
-    """Return the chain of tf frames from the first frame to the last, [] if none.
-
-    Args:
-        links: Frames of tf as (parent, child).
-        frames: Frames, of which the first and the last are used.
-    """
-    parents = {child: parent for parent, child in links}
-    chain = [frames[-1]]
-    # Frames in a circle would lead nowhere.
-    while chain[0] != frames[0] and len(chain) <= len(parents):
-        if chain[0] not in parents:
-            return []
-        chain.insert(0, parents[chain[0]])
-    return chain if chain[0] == frames[0] else []
-
-
-def _is_finite(odometry: Odometry) -> bool:
-    """Tell whether all numbers of an odometry's pose are finite."""
-    pose = odometry.pose
-    return math.isfinite(pose.x + pose.y + pose.yaw)
 
 
 def _take_message(

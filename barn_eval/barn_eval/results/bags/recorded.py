@@ -1,8 +1,8 @@
 """Read a trial from a bag into arrays on one time line."""
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import cached_property
 from operator import attrgetter, itemgetter
 from pathlib import Path
@@ -15,7 +15,7 @@ from barn_eval.results.bags.bagfile import BagFile
 from barn_eval.results.bags.decode import TOPICS, metadata
 from barn_eval.results.bags.messages import PUSHED_M
 from barn_eval.results.bags.movers import ROUNDING_S, RecordedMotions, compute_gaps
-from barn_eval.results.bags.sources import NO_SOURCES, Sources, TopicChoice
+from barn_eval.results.bags.sources import NO_SOURCES, PoseReader, Sources, TopicChoice
 from barn_eval.trials.stamps import number_clocks
 from barn_eval.trials.trajectory import compute_clearances
 from barn_worlds.base.arrays import Bools, Floats
@@ -25,17 +25,11 @@ from barn_worlds.geometry.footprint import Footprint
 from barn_worlds.messages import topics
 from barn_worlds.messages.topics import FRAMES
 from barn_worlds.robots.contact import contact_footprint
-from barn_worlds.robots.files import STANDARD_ROBOT
 from barn_worlds.robots.robot import Chassis
 from barn_worlds.worlds.scene import TrialScene, scene_of_map
 
 MAP = FRAMES.map
 ODOM = FRAMES.odom
-
-_POSE_NAMES = f"{topics.GROUND_TRUTH.path} or {topics.ODOM.path}"
-
-# Topics whose first message has all there is to know.
-_CONSTANT = {topics.MOVING.path}
 
 
 class TimedItem(NamedTuple):
@@ -44,6 +38,11 @@ class TimedItem(NamedTuple):
     time_s: float  # from the first pose
     frame: str  # of the bag
     content: Any
+
+
+# Log time in ns, frame and content of messages.
+_Rows = list[tuple[int, str, Any]]
+ItemsByTopic = dict[topics.Topic, list[TimedItem]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,29 +64,22 @@ class RecordedTrial:
     outline: Footprint  # of the robot's parts that can touch obstacles
     lidar: Pose2D  # where it is mounted
 
-    # Content of topics: scans, points (k, 2) of plans, markers, maps, and the score.
-    scans: list[TimedItem]
-    plans: list[TimedItem]
-    local_plans: list[TimedItem]
-    bands: list[TimedItem]
-    candidates: list[TimedItem]
-    costmaps: list[TimedItem]
-    scores: list[TimedItem]
-    outcomes: list[TimedItem]  # "running", then the outcome
+    # Content by topic, such as scans, points (k, 2) of plans, and the score.
+    items: ItemsByTopic
 
-    chassis: Chassis = STANDARD_ROBOT.chassis
+    chassis: Chassis
     # Pose of the planner's map frame in the frame of the poses.
-    map_frame: Pose2D = ORIGIN
-    map: OccupancyMap | None = None  # shifted by `map_frame`
-    goal: TimedItem | None = None
-    scene: TrialScene | None = None  # true obstacles, if the bag has them
+    map_frame: Pose2D
+    map: OccupancyMap | None  # shifted by `map_frame`
+    scene: TrialScene | None  # true obstacles, if the bag has them
     # Final places (k, 2) of cylinders that were pushed.
-    pushed_m: Floats = field(default_factory=lambda: np.empty((0, 2)))
-    moving: RecordedMotions | None = None
-    recoveries_s: tuple[float, ...] = ()  # times at which the planner began to recover
-    trial: dict[str, Any] = field(default_factory=dict)
-    result: dict[str, Any] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()  # texts on what is missing or was cut off
+    pushed_m: Floats
+    moving: RecordedMotions | None
+    recoveries_s: tuple[float, ...]  # times at which the planner began to recover
+    trial: dict[str, Any]
+    result: dict[str, Any]
+    problems: tuple[str, ...]  # texts on what makes poses and scans doubtful
+    notes: tuple[str, ...]  # these, and texts on what else is missing
 
     def index_at(self, time_s: float) -> int:
         """Return the index of the last pose at or before `time_s`, 0 if none is."""
@@ -135,17 +127,18 @@ class RecordedTrial:
         """
         if self.scene is not None and self.scene.goal is not None:
             return self.scene.goal
-        if self.goal is None:
+        goals = self.items[topics.GOAL_POSE]
+        if not goals:
             return None
-        goal: Pose2D = self.goal.content
-        if self.goal.frame == self.frame:
-            return goal
-        return self.to_frame(self.goal._replace(time_s=0.0)) @ goal
+        goal = goals[-1]
+        pose: Pose2D = goal.content
+        if goal.frame == self.frame:
+            return pose
+        return self.to_frame(goal._replace(time_s=0.0)) @ pose
 
 
 _pose_row = attrgetter("pose.x", "pose.y", "pose.yaw")  # of an odometry
 _twist_row = attrgetter("linear", "angular")  # of a velocity
-ItemsByTopic = Mapping[topics.Topic, list[TimedItem]]
 
 
 def read_recorded_trial(path: Path, sources: Sources = NO_SOURCES) -> RecordedTrial:
@@ -170,7 +163,7 @@ def read_recorded_trial(path: Path, sources: Sources = NO_SOURCES) -> RecordedTr
         reason = bag.problem or "; ".join(unreadable.values())
         reason = reason or "the bag may be of another robot, or of no trial"
         raise BagError(
-            f"{path}: no poses of a robot on {sources.pose or _POSE_NAMES} ({reason})"
+            f"{path}: no poses of a robot on /ground_truth/odom or /odom ({reason})"
             f"{choice.list_topics()}"
         )
 
@@ -191,8 +184,9 @@ def read_recorded_trial(path: Path, sources: Sources = NO_SOURCES) -> RecordedTr
     frame = MAP if truth else poses[0].frame or ODOM
     grid: OccupancyMap | None = None
     map_frame = ORIGIN
-    if items[topics.MAP]:
-        grid = items[topics.MAP][-1].content
+    maps = items[topics.MAP]
+    if maps:
+        grid = maps[-1].content
         if truth:
             map_frame = decode.map_frame(trial)
             grid = replace(
@@ -201,12 +195,12 @@ def read_recorded_trial(path: Path, sources: Sources = NO_SOURCES) -> RecordedTr
                 origin_y=grid.origin_y + map_frame.y,
             )
 
-        elif scene is None and items[topics.MAP][-1].frame == frame:
+        elif scene is None and maps[-1].frame == frame:
             scene = scene_of_map(grid)
             unreadable["scene"] = "obstacles are the occupied cells of the bag's map"
 
-    parts = (moving_note, lidar_note, robot_note, pose_note)
-    notes = [bag.problem, *unreadable.values(), *parts]
+    problems = tuple(filter(None, (bag.problem, *unreadable.values(), lidar_note)))
+    notes = [*problems, moving_note, robot_note, pose_note]
     if map_frame != ORIGIN:
         notes.append(
             "map and plan are drawn where the obstacles stand, which is"
@@ -216,14 +210,13 @@ def read_recorded_trial(path: Path, sources: Sources = NO_SOURCES) -> RecordedTr
         notes.append(
             "the bag holds no result: its trial was not finished, or not the suite's"
         )
-    if not items[topics.COLLISION]:
+    contacts = items[topics.COLLISION]
+    if not contacts:
         notes.append("contacts are unknown: the bag has no topic that reports them")
 
     times_s = np.array([item.time_s for item in poses])
     no_pose = (np.nan, np.nan, np.nan)
-    contacts = items[topics.COLLISION]
     touched = _hold(contacts, lambda contact: (contact,), times_s, (0.0,))
-    goals = items[topics.GOAL_POSE]
 
     folder = bag.path.resolve().parent
     # In the results of a run, bags are in a subfolder.
@@ -243,30 +236,23 @@ def read_recorded_trial(path: Path, sources: Sources = NO_SOURCES) -> RecordedTr
         outline=contact_footprint(chassis),
         chassis=chassis,
         lidar=lidar,
-        scans=items[topics.SCAN],
-        plans=items[topics.PLAN],
-        local_plans=items[topics.LOCAL_PLAN],
-        bands=items[topics.BAND],
-        candidates=items[topics.CANDIDATES],
-        costmaps=items[topics.COSTMAP],
-        scores=items[topics.SCORE],
-        outcomes=items[topics.OUTCOME],
+        items=items,
         map_frame=map_frame,
         map=grid,
-        goal=goals[-1] if goals else None,
         scene=scene,
         pushed_m=pushed_m,
         moving=moving,
         recoveries_s=_find_recoveries(items[topics.DIAGNOSTICS]),
         trial=trial,
         result=result,
+        problems=problems,
         notes=tuple(note for note in notes if note),
     )
 
 
 def _read_items(
     bag: BagFile, choice: TopicChoice, unreadable: dict[str, str]
-) -> dict[topics.Topic, list[TimedItem]]:
+) -> ItemsByTopic:
     """Return decoded items by topic, 0 s at the first pose; `unreadable` gets reasons.
 
     Args:
@@ -274,7 +260,7 @@ def _read_items(
         choice: Meaning of its topics.
         unreadable: Receives a text for each topic that cannot be shown whole.
     """
-    messages: dict[str, list[tuple[int, str, Any]]] = {path: [] for path in TOPICS}
+    messages: dict[str, _Rows] = {path: [] for path in TOPICS}
     for message in bag.messages(choice.paths):
         topic = choice.paths.get(message.topic, "")
         type_name = message.type_name
@@ -284,7 +270,8 @@ def _read_items(
             text = f"{topic} is left out because its type is {type_name or 'unknown'}"
             unreadable.setdefault(topic, text)
             continue
-        if topic in _CONSTANT and messages[topic]:
+        # Its first message has all there is to know.
+        if topic == topics.MOVING.path and messages[topic]:
             continue
         try:
             frame, content = decode.frame_and_content(topic, type_name, message.data)
@@ -298,12 +285,7 @@ def _read_items(
 
     if choice.sources.pose:
         messages[topics.GROUND_TRUTH.path] = []
-        reader = choice.pose_reader()
-        messages[topics.ODOM.path] = [
-            (message.stamp_ns, reader.frame, odometry)
-            for message in bag.messages(reader.topics)
-            for odometry in reader.read(message)
-        ]
+        messages[topics.ODOM.path] = _read_poses(bag, choice.pose_reader())
     for rows in messages.values():
         # Messages with equal times keep their order.
         rows.sort(key=itemgetter(0))
@@ -312,7 +294,7 @@ def _read_items(
     if "barn.trial" not in bag.metadata:
         _restamp(messages, poses, unreadable)
     start_ns = poses[0][0] if poses else 0
-    items: dict[topics.Topic, list[TimedItem]] = {}
+    items: ItemsByTopic = {}
     for key, _ in decode.READERS:
         items[key] = [
             TimedItem(seconds(stamp_ns - start_ns), frame, content)
@@ -321,9 +303,21 @@ def _read_items(
     return items
 
 
+def _read_poses(bag: BagFile, reader: PoseReader) -> _Rows:
+    """Return rows of time, frame and odometry from a bag; BagError if there are none."""
+    rows = [
+        (message.stamp_ns, reader.frame, odometry)
+        for message in bag.messages(reader.topics)
+        for odometry in reader.read(message)
+    ]
+    if not rows:
+        raise reader.missing_error()
+    return rows
+
+
 def _restamp(
-    messages: dict[str, list[tuple[int, str, Any]]],
-    poses: list[tuple[int, str, Any]],
+    messages: dict[str, _Rows],
+    poses: _Rows,
     unreadable: dict[str, str],
 ) -> None:
     """Replace log times by the robot's, unless poses have none or their clock was set.
@@ -392,7 +386,7 @@ def _find_lidar(items: ItemsByTopic, trial: dict[str, Any]) -> tuple[Pose2D, str
     mount = decode.read_specification(trial, "lidar", "mount_x_m")
     if mount is not None:
         return Pose2D(mount[0], 0.0, 0.0), ""
-    note = "no /tf_static with the lidar: it is drawn at base_link" if frames else ""
+    note = "no /tf_static with the lidar: it is assumed at base_link" if frames else ""
     return ORIGIN, note
 
 

@@ -7,7 +7,13 @@ from itertools import pairwise
 
 from barn_eval.results.bags.bagfile import BagFile, RawMessage
 from barn_eval.trials.system import NO_CONTACT
-from barn_worlds.base.errors import BagError, ConfigError, MessageError, format_value
+from barn_worlds.base.errors import (
+    BagError,
+    ConfigError,
+    MessageError,
+    format_error,
+    format_value,
+)
 from barn_worlds.base.types import ORIGIN, Odometry, Pose2D, Velocity2D
 from barn_worlds.messages import decode, topics
 
@@ -15,6 +21,8 @@ NO_TWIST = Velocity2D(math.nan, math.nan)
 _TF = "/tf:"
 _ODOMETRY = topics.ODOM.type_name
 _POSE = topics.GOAL_POSE.type_name
+# Frames that are the world's.
+FIXED_FRAMES = (topics.FRAMES.map, "world")
 _POSE_TYPES = (_ODOMETRY, topics.AMCL_POSE.type_name, _POSE)
 _TRUTH = topics.GROUND_TRUTH.path
 
@@ -57,7 +65,7 @@ class TopicChoice:
     Attributes:
         sources: Topics named by the user, with the namespace that was found.
         paths: Path of the suite's topic by the bag's topic.
-        goals: Topics that a goal may be on.
+        other_goals: Other topics that may have goals, as text.
     """
 
     def __init__(self, bag: BagFile, sources: Sources):
@@ -68,13 +76,35 @@ class TopicChoice:
             sources: Topics named by the user.
 
         Raises:
-            BagError: If a named topic is missing, or several namespaces have odometry.
+            BagError: If what is named is missing, or several namespaces have odometry.
         """
         self._bag = bag
         namespace = sources.namespace.rstrip("/") or self._find_namespace()
         self.sources = replace(sources, namespace=namespace)
         self.paths: dict[str, str] = {}
 
+        self._add_named()
+        for topic in vars(topics).values():
+            if isinstance(topic, topics.Topic):
+                self._add(topic, f"{namespace}{topic.path}")
+                self._add(topic, topic.path)
+        for topic in _BY_TYPE:
+            self._add(topic, *self._of_type(topic.type_name))
+        goals = [name for name in self._of_type(_POSE) if "goal" in name]
+        self._add(topics.GOAL_POSE, *(name for name in goals if name.endswith("goal")))
+        others = [name for name in goals if name not in self.paths]
+        self.other_goals = ", ".join(others)
+
+    def _add_named(self) -> None:
+        """Let topics that the user names stand for the suite's; BagError if missing."""
+        bag = self._bag
+        sources = self.sources
+        namespace = sources.namespace
+        is_inside = [topic.startswith(f"{namespace}/") for topic in bag.types]
+        if namespace and not any(is_inside):
+            raise BagError(
+                f"{bag.path}: no topic in namespace {namespace}{self.list_topics()}"
+            )
         named = {topics.GOAL_POSE: sources.goal}
         if not sources.frames:
             named[topics.ODOM] = sources.pose
@@ -87,15 +117,6 @@ class TopicChoice:
                 # The reader of poses takes several types, and says so.
                 if topic != topics.ODOM and bag.types[found] != topic.type_name:
                     raise BagError(f"{bag.path}: {name}: must be a {topic.type_name}")
-        for topic in vars(topics).values():
-            if isinstance(topic, topics.Topic):
-                self._add(topic, f"{namespace}{topic.path}")
-                self._add(topic, topic.path)
-        for topic in _BY_TYPE:
-            self._add(topic, *self._of_type(topic.type_name))
-        self.goals = [name for name in self._of_type(_POSE) if "goal" in name]
-        goals = [name for name in self.goals if name.endswith("goal")]
-        self._add(topics.GOAL_POSE, *goals)
 
     def _add(self, topic: topics.Topic, *names: str) -> None:
         """Let a bag's topic stand for a suite's; ignore missing or taken names."""
@@ -149,15 +170,16 @@ class TopicChoice:
         if sources.frames:
             static = f"{sources.namespace}{topics.TF_STATIC.path}"
             reading = {self._require(topics.TF.path), static, topics.TF_STATIC.path}
-            return PoseReader(sources.pose, reading, sources.frames)
-        for name, path in self.paths.items():
-            if path == topics.ODOM.path and self._bag.types[name] in _POSE_TYPES:
-                return PoseReader(name.removeprefix(sources.namespace), {name}, [])
+            return PoseReader(self._bag, sources.pose, reading, sources.frames)
+        for name, topic in self.paths.items():
+            if topic == topics.ODOM.path and self._bag.types[name] in _POSE_TYPES:
+                name_inside = name.removeprefix(sources.namespace)
+                return PoseReader(self._bag, name_inside, {name}, [])
         candidates = [
             name
             for kind in _POSE_TYPES
             for name in self._of_type(kind)
-            if name not in self.goals and not name.endswith("/initialpose")
+            if "goal" not in name and not name.endswith("/initialpose")
         ]
         if self._of_type(topics.TF.type_name):
             candidates.append(f"{_TF}odom.base_link")
@@ -175,24 +197,38 @@ class PoseReader:
         name: The source without namespace, such as "/odom" or "/tf:odom.base_link".
         topics: The topics whose messages `read` accepts.
         frame: Frame of the poses; empty before the first one.
-        links: Last poses of tf frames in their parents, by (parent, child).
     """
 
-    def __init__(self, name: str, names: set[str], frames: list[str]):
-        """Prepare to read poses from one topic or, if given, from `frames` of tf."""
+    def __init__(self, bag: BagFile, name: str, names: set[str], frames: list[str]):
+        """Prepare to read a bag's poses from one topic or, if given, `frames` of tf."""
         self.name = name
         self.topics = names
         self.frame = ""
-        self.links: dict[tuple[str, str], Pose2D] = {}
+        self._bag = bag
+        # Last poses of tf frames in their parents, by (parent, child).
+        self._links: dict[tuple[str, str], Pose2D] = {}
         self._static: set[tuple[str, str]] = set()
+        self._frames = frames
         self._chain = list(pairwise(frames))
 
     def read(self, message: RawMessage) -> Iterator[Odometry]:
-        """Yield a message's poses, NaN velocity if missing; MessageError if malformed.
+        """Yield a message's finite poses, NaN velocity if missing; BagError if malformed.
 
         Raises:
-            MessageError: If the message is malformed.
+            BagError: If the message is malformed.
         """
+        try:
+            for odometry in self._read_poses(message):
+                pose = odometry.pose
+                # Poses that are left out are a gap.
+                if math.isfinite(pose.x + pose.y + pose.yaw):
+                    yield odometry
+        except MessageError as error:
+            text = f"{self._bag.path}: {message.topic}: {format_error(error)}"
+            raise BagError(text) from None
+
+    def _read_poses(self, message: RawMessage) -> Iterator[Odometry]:
+        """Yield a message's poses, NaN velocity if missing; MessageError if malformed."""
         if self._chain:
             yield from self._read_transforms(message)
             return
@@ -208,6 +244,33 @@ class PoseReader:
             read = decode.pose if is_plain else decode.pose_with_covariance
             yield Odometry(header.stamp_ns, read(message.data), NO_TWIST)
 
+    def missing_error(self) -> BagError:
+        """Return the error of a bag that has been read and has none of these poses."""
+        bag = self._bag
+        reason = bag.problem or self._explain_missing()
+        return BagError(f"{bag.path}: no poses of a robot on {self.name} ({reason})")
+
+    def _explain_missing(self) -> str:
+        """Return why no poses could be read from the topic, or the frames of tf."""
+        if not self._frames:
+            return "none was sent, or none is finite"
+        chain = self._find_chain()
+        if chain:
+            return f"other frames are between: --pose {_TF}{'.'.join(chain)}"
+        links = sorted(f"{parent} to {child}" for parent, child in self._links)
+        return f"tf has {', '.join(links) or 'no frames'}"
+
+    def _find_chain(self) -> list[str]:
+        """Return the chain of tf frames from the first frame to the last, [] if none."""
+        parents = {child: parent for parent, child in self._links}
+        chain = [self._frames[-1]]
+        # Each link counts once: frames in a circle lead nowhere.
+        while chain[0] in parents:
+            chain.insert(0, parents.pop(chain[0]))
+        if self._frames[0] not in chain:
+            return []
+        return chain[chain.index(self._frames[0]) :]
+
     def _read_transforms(self, message: RawMessage) -> Iterator[Odometry]:
         """Yield the robot's pose at each transform of the chain's last moving link.
 
@@ -218,14 +281,14 @@ class PoseReader:
         for transform in decode.transforms(message.data):
             # In ROS 1, names of frames began with a slash.
             link = (transform.parent.lstrip("/"), transform.child.lstrip("/"))
-            self.links[link] = transform.pose
+            self._links[link] = transform.pose
             if is_static:
                 self._static.add(link)
             moving = [link for link in self._chain if link not in self._static]
-            is_known = self.links.keys() >= set(self._chain)
+            is_known = self._links.keys() >= set(self._chain)
             if is_known and moving and link == moving[-1]:
                 self.frame = self._chain[0][0]
                 pose = ORIGIN
                 for other in self._chain:
-                    pose = pose @ self.links[other]
+                    pose = pose @ self._links[other]
                 yield Odometry(transform.stamp_ns, pose, NO_TWIST)

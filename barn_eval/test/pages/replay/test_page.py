@@ -30,6 +30,7 @@ from barn_worlds.base.arrays import side_lengths
 from barn_worlds.base.errors import BagError
 from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Pose2D
 from barn_worlds.datasets.dataset import open_dataset
+from barn_worlds.messages import topics
 from barn_worlds.messages.cdr import jazzy_types, make_message, serialize
 
 
@@ -56,7 +57,8 @@ def test_what_the_scans_hit_is_drawn_where_they_hit_it(bag):
 
     def share_on_obstacles(off_y_m):
         hits = []
-        for scan, pose in zip(recorded.scans[::20], recorded.poses[::20], strict=True):
+        scans = recorded.items[topics.SCAN]
+        for scan, pose in zip(scans[::20], recorded.poses[::20], strict=True):
             ranges = np.asarray(scan.content.ranges)
             angles = scan.content.angles()
             near = np.isfinite(ranges) & (ranges < 8.0)
@@ -100,7 +102,7 @@ def test_poses_scans_and_result_are_those_of_the_bag(bag):
             (stamp, read(data, connection.msgtype))
             for connection, stamp, data in messages_on(reader, "/ground_truth/odom")
         ]
-    assert len(recorded.times_s) == len(messages) == len(recorded.scans)
+    assert len(recorded.times_s) == len(messages) == len(recorded.items[topics.SCAN])
     stamps = [stamp for stamp, _ in messages]
     times_s = (np.array(stamps) - stamps[0]) / NANOSECONDS_PER_SECOND
     np.testing.assert_array_equal(recorded.times_s, times_s)
@@ -111,12 +113,15 @@ def test_poses_scans_and_result_are_those_of_the_bag(bag):
     assert recorded.map is not None
     assert np.isfinite(recorded.commands[1:]).all()
     assert recorded.lidar.x == pytest.approx(0.12)
-    assert recorded.outcomes[0].content == "running"
-    assert recorded.outcomes[-1] == (pytest.approx(recorded.times_s[-1]), "", "success")
-    assert recorded.scores[-1].content == recorded.result["scores"]["challenge"]
-    for item in recorded.candidates:
+    outcomes = recorded.items[topics.OUTCOME]
+    assert outcomes[0].content == "running"
+    assert outcomes[-1] == (pytest.approx(recorded.times_s[-1]), "", "success")
+    score = recorded.items[topics.SCORE][-1].content
+    assert score == recorded.result["scores"]["challenge"]
+    candidates = recorded.items[topics.CANDIDATES]
+    for item in candidates:
         assert len(item.content.lines) == MAX_CANDIDATES
-    assert len(recorded.candidates) == math.ceil(len(messages) / 10)  # two a second
+    assert len(candidates) == math.ceil(len(messages) / 10)  # two a second
     (note,) = recorded.notes
     assert note.startswith("map ")  # that the map was off
 
@@ -226,13 +231,13 @@ def test_a_foreign_bag_in_sqlite_with_odometry_alone_is_replayed(bag, tmp_path):
     assert len(recorded.times_s) == len(read_recorded_trial(bag).times_s)
 
 
-def some_of(bag, path, topics, metadata):
+def some_of(bag, path, is_wanted, metadata):
     """A copy of a bag with the topics that are wanted, and what is known about its
     trial, if anything is.
     """
     with Reader(bag) as reader, Recorder(path) as recorder:
         for connection, stamp, data in reader.messages():
-            if topics(connection.topic):
+            if is_wanted(connection.topic):
                 recorder.add_topic(connection.topic, connection.msgtype)
                 recorder.write(connection.topic, data, stamp)
         if metadata:
@@ -248,10 +253,11 @@ def test_without_static_transforms_the_lidar_is_as_specified(bag, tmp_path, spec
     Another's bag says nothing of its lidar.
     """
     metadata = {"simulator": {"lidar": {"mount_x_m": 0.2}}} if specified else {}
-    topics = {"/ground_truth/odom", "/scan"}.__contains__
-    recorded = read_recorded_trial(some_of(bag, tmp_path / "bare", topics, metadata))
+    is_wanted = {"/ground_truth/odom", "/scan"}.__contains__
+    recorded = read_recorded_trial(some_of(bag, tmp_path / "bare", is_wanted, metadata))
     assert recorded.lidar == Pose2D(0.2 if specified else 0.0, 0.0, 0.0)
-    assert any("drawn at base_link" in note for note in recorded.notes) != specified
+    assert ("assumed at base_link" in str(recorded.problems)) != specified
+    assert {*recorded.problems} <= {*recorded.notes}
 
 
 def test_the_world_is_that_of_the_bag(bag, tmp_path):
@@ -436,8 +442,10 @@ def test_a_bag_of_another_log_shows_the_times_and_poses_of_the_robot(
     recorded = read_recorded_trial(path)
     np.testing.assert_allclose(recorded.times_s, own.times_s, atol=1e-6)
     np.testing.assert_array_equal(recorded.poses, own.poses)
-    scan_times = [item.time_s for item in recorded.scans]
-    np.testing.assert_allclose(scan_times, [i.time_s for i in own.scans], atol=1e-6)
+    scan_times, own_times = (
+        [item.time_s for item in trial.items[topics.SCAN]] for trial in (recorded, own)
+    )
+    np.testing.assert_allclose(scan_times, own_times, atol=1e-6)
 
 
 def test_poses_of_named_frames_are_drawn_over_the_map_of_the_bag(bag, tmp_path):
@@ -450,6 +458,8 @@ def test_poses_of_named_frames_are_drawn_over_the_map_of_the_bag(bag, tmp_path):
         "no poses of a robot on /ground_truth/odom or .*; it has /map", BagError
     ):
         read_recorded_trial(path)
+    with refused("other frames are between: --pose /tf:map.odom.base_link", BagError):
+        read_recorded_trial(path, Sources(pose="/tf:map.base_link"))
     recorded = read_recorded_trial(path, Sources(pose="/tf:map.odom.base_link"))
     assert (recorded.frame, len(recorded.poses) > 10) == ("map", True)
     assert len(recorded.scene.obstacles_m) > 50
