@@ -20,6 +20,7 @@ import zipfile
 from pathlib import Path
 
 import numpy as np
+import rosidl_adapter
 from rosidl_adapter.cli import (
     TranslateActionToIDL,
     TranslateMsgToIDL,
@@ -32,7 +33,8 @@ from rosidl_typesupport_c.cli import GenerateCTypesupport
 from rosidl_typesupport_fastrtps_c.cli import GenerateFastRTPSCTypesupport
 from rosidl_typesupport_introspection_c.cli import GenerateIntrospectionCTypesupport
 
-PREFIX = Path(sys.prefix)
+# Beside the virtual environment where ROS 2 is installed for the whole system.
+PREFIX = Path(rosidl_adapter.__file__).parents[4]
 DEFINITIONS = Path(__file__).with_name("messages")
 VERSION = "0.1.0"
 USED = (

@@ -113,6 +113,13 @@ def test_a_trial_ends_with_its_outcome(workspace):
     assert done.returncode == 0 and (workspace / "page.html").stat().st_size > 10000
 
 
+def test_messages_are_built_by_the_systems_generators(workspace):
+    script = ROOT / "ros_stand_ins/build_messages.py"
+    done = launch(workspace, f"venv/bin/python {script} wheels simulation_interfaces")
+    assert done.returncode == 0, done.stdout
+    assert len(list(workspace.glob("wheels/*.whl"))) == 1
+
+
 def test_packages_are_tested_in_the_environment_only(workspace):
     test = "colcon test --packages-select barn_metrics"
     activated = ". venv/bin/activate; . install/setup.bash"
