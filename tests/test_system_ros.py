@@ -3,7 +3,8 @@
 BARN_SYSTEM_ROS is the setup file of that installation, such as /opt/ros/jazzy/setup.bash.
 Its Python has ROS, NumPy, PyYAML and colcon, but not the libraries of the suite, which go
 into an environment as the README says. A stand-in does as well: an interpreter of its own
-with the ROS wheels, launch, launch_ros and ros2cli, and a file that puts it on the path.
+with the ROS wheels, launch, launch_ros and ros2cli, and a file that puts its programs and
+libraries on the paths. Without LD_LIBRARY_PATH, tests of nodes are skipped.
 """
 
 import json
