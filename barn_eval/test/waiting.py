@@ -25,13 +25,13 @@ def barn_words(line):
     return [sys.executable, "-m", "barn_eval", *shlex.split(line)]
 
 
-def with_search_path(folder):
-    """Return the environment with a folder before those where Python looks already.
+def with_search_path(*folders):
+    """Return the environment with folders before those where Python looks already.
 
     In a workspace, these have the packages themselves.
     """
-    folders = [str(folder), os.environ.get("PYTHONPATH", "")]
-    return os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, folders))}
+    all_folders = [*map(str, folders), os.environ.get("PYTHONPATH")]
+    return os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, all_folders))}
 
 
 def run_python(*arguments, check=True, **options):
