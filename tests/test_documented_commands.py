@@ -5,7 +5,6 @@ Commands with their options (parsed, not run), links, paths, Python names.
 
 import ast
 import inspect
-import os
 import re
 import shlex
 import textwrap
@@ -14,9 +13,10 @@ from pkgutil import resolve_name
 
 import click
 import pytest
+import yaml
 from launch_files import launch_arguments
 from repository import ROOT
-from waiting import run_python
+from waiting import run_python, with_search_path
 
 import barn_eval
 from barn_eval.commands.main import COMMANDS, MORE, cli
@@ -164,7 +164,11 @@ def test_files_and_targets_that_are_shown_exist(line):
             assert (ROOT / word).exists()
     if words[:2] == ["docker", "compose"]:
         file = words[words.index("-f") + 1]
-        assert (ROOT / file).is_file()
+        services = yaml.safe_load((ROOT / file).read_text("utf-8"))["services"]
+        if "run" in words:
+            (name,) = services.keys() & words
+            # A container cannot join the network of one that has ended.
+            assert "network_mode" not in services[name]
 
 
 each_page = pytest.mark.parametrize(
@@ -352,11 +356,9 @@ def test_python_runs_as_it_is_shown(before, example, tmp_path):
     for text, shorter in FEWER.items():
         example = example.replace(text, shorter)
     (tmp_path / "shown.py").write_text(example)
-    folders = [str(ROOT / "examples"), os.environ.get("PYTHONPATH", "")]
-    search_path = os.pathsep.join(filter(None, folders))
+    environment = with_search_path(ROOT / "examples")
     commands = [["-m", "barn_eval", *words_of(line)[1:]] for line in before]
     for words in (*commands, ["shown.py"]):
-        environment = os.environ | {"PYTHONPATH": search_path}
         done = run_python(*words, check=False, cwd=tmp_path, env=environment)
         assert done.returncode == 0, done.stderr
 

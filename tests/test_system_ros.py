@@ -3,7 +3,8 @@
 BARN_SYSTEM_ROS is the setup file of that installation, such as /opt/ros/jazzy/setup.bash.
 Its Python has ROS, NumPy, PyYAML and colcon, but not the libraries of the suite, which go
 into an environment as the README says. A stand-in does as well: an interpreter of its own
-with the ROS wheels, launch, launch_ros and ros2cli, and a file that puts it on the path.
+with the ROS wheels, launch, launch_ros and ros2cli, and a file that puts its programs and
+libraries on the paths. Without LD_LIBRARY_PATH, tests of nodes are skipped.
 """
 
 import json
@@ -111,6 +112,13 @@ def test_a_trial_ends_with_its_outcome(workspace):
     assert json.loads(row)["outcome"] == "success"
     done = launch(workspace, "barn report out --out page.html")
     assert done.returncode == 0 and (workspace / "page.html").stat().st_size > 10000
+
+
+def test_messages_are_built_by_the_systems_generators(workspace):
+    script = ROOT / "ros_stand_ins/build_messages.py"
+    done = launch(workspace, f"venv/bin/python {script} wheels simulation_interfaces")
+    assert done.returncode == 0, done.stdout
+    assert len(list(workspace.glob("wheels/*.whl"))) == 1
 
 
 def test_packages_are_tested_in_the_environment_only(workspace):

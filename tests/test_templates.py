@@ -4,7 +4,6 @@ The template in C++ is whole.
 """
 
 import json
-import os
 import re
 import shlex
 import shutil
@@ -13,7 +12,7 @@ import sys
 import pytest
 from defusedxml import ElementTree
 from repository import EXAMPLES
-from waiting import run_python
+from waiting import run_python, with_search_path
 
 PYTHON = EXAMPLES / "template_planner_py"
 CPP = EXAMPLES / "template_planner_cpp"
@@ -37,9 +36,8 @@ def installed_packages(tmp_path_factory):
     options = "--quiet --no-deps --no-build-isolation --no-index --target"
     install = ("-m", "pip", "install", *options.split())
     run_python(*install, target, *sources, timeout=600)
-    folders = [str(target), str(EXAMPLES), os.environ.get("PYTHONPATH", "")]
-    paths = os.pathsep.join(filter(None, folders))
-    return {**os.environ, "PYTHONPATH": paths, "PYTHONDONTWRITEBYTECODE": "1"}
+    environment = with_search_path(target, EXAMPLES)
+    return environment | {"PYTHONDONTWRITEBYTECODE": "1"}
 
 
 def python(environment, folder, line):

@@ -85,6 +85,9 @@ def test_jobs_of_nav2_name_files_and_protocols_that_exist():
         assert (ROOT / f"examples/nav2/params/{job['controller']}.yaml").is_file()
         protocol = PROTOCOLS[job["protocol"]]
         assert protocol.map_given == (job["map"] == "true")
+    (branches,) = re.findall(r"for branch in ([\w ]+);", CI.read_text())
+    for branch in branches.split():
+        assert (ROOT / f"examples/nav2/expected_failures_{branch}.txt").is_file()
     variables = set(jobs["nav2"]["env"])
     text = (ROOT / "docker/compose.nav2.yaml").read_text()
     assert variables <= set(re.findall(r"\$\{(\w+):-", text))

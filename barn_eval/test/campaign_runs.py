@@ -9,7 +9,7 @@ import signal
 import subprocess
 from pathlib import Path
 
-from waiting import barn_words, processes
+from waiting import barn_words, processes, with_search_path
 
 PROTOCOL = "schema_version: 1\nbase: {base}\nname: short\nlimit_s: 5.0\nfirst_motion_limit_s: 3.0\n"
 # Where nothing moves and among moving obstacles: the rules, and a data set with three
@@ -58,8 +58,6 @@ def start(file, line):
 
     The stranger is installed beside the campaign's file.
     """
-    inherited = os.environ.get("PYTHONPATH", "")
-    path = f"{file.parent}{os.pathsep}{inherited}".strip(os.pathsep)
     return subprocess.Popen(
         barn_words(f"campaign {file} {line}"),
         start_new_session=True,
@@ -67,7 +65,7 @@ def start(file, line):
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         cwd=Path(__file__).parent,
-        env=os.environ | {"PYTHONPATH": path},
+        env=with_search_path(file.parent),
     )
 
 

@@ -1,5 +1,6 @@
 """What tests of processes wait for: a condition, or the end of a process."""
 
+import os
 import shlex
 import subprocess
 import sys
@@ -22,6 +23,15 @@ def until(condition):
 def barn_words(line):
     """Return the words that run a line of `barn` in a process of its own."""
     return [sys.executable, "-m", "barn_eval", *shlex.split(line)]
+
+
+def with_search_path(*folders):
+    """Return the environment with folders before those where Python looks already.
+
+    In a workspace, these have the packages themselves.
+    """
+    all_folders = [*map(str, folders), os.environ.get("PYTHONPATH")]
+    return os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, all_folders))}
 
 
 def run_python(*arguments, check=True, **options):

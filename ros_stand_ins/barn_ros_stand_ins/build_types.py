@@ -6,11 +6,11 @@ package takes some 5 s, a C++ compiler, and the headers of Python.
 
 import os
 import subprocess
-import sys
 import sysconfig
 from pathlib import Path
 
 import numpy as np
+import rosidl_adapter
 from rosidl_adapter.cli import (
     TranslateActionToIDL,
     TranslateMsgToIDL,
@@ -23,7 +23,8 @@ from rosidl_typesupport_c.cli import GenerateCTypesupport
 from rosidl_typesupport_fastrtps_c.cli import GenerateFastRTPSCTypesupport
 from rosidl_typesupport_introspection_c.cli import GenerateIntrospectionCTypesupport
 
-PREFIX = Path(sys.prefix)
+# Beside the virtual environment where ROS 2 is installed for the whole system.
+PREFIX = Path(rosidl_adapter.__file__).parents[4]
 TYPE_SUPPORTS = ("c", "fastrtps_c", "fastrtps_cpp", "introspection_c")
 RUNTIME = (
     "rosidl_runtime_c",

@@ -17,7 +17,7 @@ from campaign_runs import install_stranger
 from click.shell_completion import BashComplete
 from rosbags.rosbag2 import Reader
 from text_tables import answers_of, rows_of
-from waiting import barn_words, run_python
+from waiting import barn_words, run_python, with_search_path
 
 from barn_eval import __version__
 from barn_eval.api import suite
@@ -142,7 +142,7 @@ def test_another_package_adds_a_command(tmp_path):
     )
     (tmp_path / "stranger.py").write_text(code)
     for arguments, output in ((["hello"], "hi"), (["--help"], "  hello ")):
-        lines, loaded = output_and_modules(arguments, PYTHONPATH=str(tmp_path))
+        lines, loaded = output_and_modules(arguments, **with_search_path(tmp_path))
         assert any(output in line for line in lines)
         assert ("stranger" in loaded) == (arguments == ["hello"])
 

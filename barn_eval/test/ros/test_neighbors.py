@@ -16,7 +16,7 @@ from pathlib import Path
 import ros_runs as ros
 from refusals import refused
 from ros_runs import nothing_left  # noqa: F401 (a fixture)
-from waiting import run_python
+from waiting import run_python, with_search_path
 
 from barn_eval.results.bags.bagfile import BagFile
 from barn_eval.results.folder import read_results
@@ -187,7 +187,7 @@ def test_the_rclpy_of_another_python_is_refused(tmp_path, monkeypatch):
     other.mkdir(parents=True)
     (other / "__init__.py").touch()
     (other / "_rclpy_pybind11.cpython-27-x86_64-linux-gnu.so").touch()
-    environment = os.environ | {"PYTHONPATH": str(other.parent)}
+    environment = with_search_path(other.parent)
     info = run_python("-m", "barn_eval", "info", "--json", env=environment)
     off = json.loads(info.stdout)["optional"]["rclpy"]
     assert off.startswith(
