@@ -108,8 +108,8 @@ class Summary:
 class RunSummary:
     """Each planner of a run, and each pair on the worlds and seeds that both met."""
 
-    planners: tuple[Summary, ...]
-    comparisons: tuple[Comparison, ...]
+    planners: Sequence[Summary]
+    comparisons: Sequence[Comparison]
 
     measure: Measure
     """Measure that ranks planners."""
@@ -175,7 +175,7 @@ def summarize_run(results: Rows) -> RunSummary:
     """
     groups = group_by_planner(results)
     keys = with_moving_measures(SCORED + DRIVEN, *groups.values())
-    summaries = tuple(summarize(rows, keys) for rows in groups.values())
+    summaries = [summarize(rows, keys) for rows in groups.values()]
 
     pairs = combinations(groups, 2)
     comparisons = adjust_by_holm([compare(groups[a], groups[b]) for a, b in pairs])

@@ -427,7 +427,7 @@ def test_an_unfinished_folder_is_told(folders):
         folders / "begun", results("eband", 1.0, worlds=4), worlds="0-5"
     )
     (comparison,) = compare_folders(folders / "a", unfinished)
-    assert comparison.notes == (f"{unfinished} is partial: 12 of 18 trials",)
+    assert comparison.notes == [f"{unfinished} is partial: 12 of 18 trials"]
     assert comparison.notes[0] in comparison_table(comparison).caption
 
 

@@ -49,7 +49,7 @@ def test_a_clear_difference_ranks_and_equal_results_tie(write_rows):
     gap, dwa = board.places
     assert (gap.rank, gap.tied, gap.entry.planner) == (1, False, "gap")
     assert (dwa.rank, dwa.tied, dwa.entry.planner) == (2, False, "dwa")
-    assert gap.better_than == ("DWA",)
+    assert gap.better_than == ["DWA"]
     assert " | all below | " in markdown([board])
     same = write_rows("same", "gap", "twin", "dwa", faster=0.0)
     (board,) = make_boards([same])
@@ -225,10 +225,10 @@ def test_a_board_begins_with_its_conclusion_and_cautions(write_rows):
     assert caption.startswith("Ranked by challenge metric")
     assert verdict in html.unescape(page([board]))
     assert few in page([board])
-    assert board.places[0].better_than == ()
+    assert board.places[0].better_than == []
     rewrite_rows(folder, lambda rows: [row for row in rows if row["world"] < 6])
     (board,) = make_boards([folder])
-    assert board.notes[1:] == (f"{folder} is partial: 24 of 32 trials",)
+    assert board.notes[1:] == [f"{folder} is partial: 24 of 32 trials"]
     assert "one\\_two is partial: 24 of 32 trials" in markdown([board])
 
 

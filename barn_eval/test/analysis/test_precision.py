@@ -66,7 +66,7 @@ def test_needs_are_those_of_the_components_of_variance():
             worlds_for_half_width if kind == "half_width" else worlds_for_difference
         )
         assert need.worlds == worlds(components, wanted, count)
-    assert precision.notes == ()
+    assert precision.notes == []
 
 
 def test_five_percent_of_the_mean_is_the_default():

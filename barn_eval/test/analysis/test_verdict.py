@@ -58,7 +58,7 @@ def by_time(planners):
 def test_clear_differences_make_ranks_in_the_order_of_the_means():
     slow, quick, middle = planner(9.0, 1), planner(0.0, 2), planner(4.0, 3)
     ranking = by_time({"slow": slow, "quick": quick, "middle": middle})
-    assert ranking.names == ("quick", "middle", "slow")
+    assert ranking.names == ["quick", "middle", "slow"]
     assert (ranking.ranks, ranking.leaders) == ((1, 2, 3), (0,))
     difference = ranking.differences[0, 2].interval.estimate
     assert difference == pytest.approx(ranking.means[0] - ranking.means[2])
@@ -86,7 +86,7 @@ def test_a_chain_shares_a_rank_though_its_ends_differ():
     b = replace(a, values=a.values + 0.6 + noise - noise.mean())
     c = replace(a, values=a.values + 1.2)
     ranking = by_time({"a": a, "b": b, "c": c})
-    assert ranking.names == ("a", "b", "c")
+    assert ranking.names == ["a", "b", "c"]
     assert (ranking.ranks, ranking.leaders) == ((1, 1, 1), (0, 1))
     assert ranking.is_clear(0, 2)
     assert not ranking.is_clear(0, 1)
