@@ -389,20 +389,17 @@ def trial_values(results: Rows, measure: Measure) -> TrialValues:
     """
     worlds = column(results, "world").astype(np.int64)
     repetitions = column(results, "repetition").astype(np.int64)
-    values = measure.values(results)
-    if measure.as_failure is None:
-        return TrialValues(values, worlds, repetitions)
-
-    failure_values = measure.as_failure(results)
-    if np.isnan(values).any():
+    trials = TrialValues(measure.values(results), worlds, repetitions)
+    failure_values = measure.failure_values(results)
+    if failure_values is None:
+        return trials
+    if np.isnan(trials.values).any():
         # With values missing, the mean would be mostly that of failures.
-        values = np.full(len(values), np.nan)
-    if not np.isfinite(np.append(failure_values, values)).all():
-        return TrialValues(values, worlds, repetitions)
-    return TrialValues(
-        values,
-        worlds,
-        repetitions,
+        return replace(trials, values=np.full(len(worlds), np.nan))
+    if not np.isfinite([trials.values, failure_values]).all():
+        return trials
+    return replace(
+        trials,
         failures=(column(results, "scores.success") == 0).astype(np.int64),
         as_failure=failure_values,
         best=measure.best,

@@ -242,11 +242,11 @@ def make_bars(entries: Sequence[Entry]) -> Bars:
 def common_trials(groups: Sequence[Rows]) -> list[Rows]:
     """Return planners' results in trials that all have; all results if there are none."""
     # Otherwise a planner with only easy worlds so far would seem to lead.
-    keys = [trial_places(rows).keys() for rows in groups]
-    shared = set.intersection(*map(set, keys)) or set().union(*keys)
+    group_places = list(map(trial_places, groups))
+    shared = set.intersection(*map(set, group_places)) or set().union(*group_places)
     common = []
-    for rows in groups:
-        places = [place for key, place in trial_places(rows).items() if key in shared]
+    for rows, trials in zip(groups, group_places, strict=True):
+        places = [place for key, place in trials.items() if key in shared]
         common.append(take(rows, np.array(places, np.int64)))
     return common
 

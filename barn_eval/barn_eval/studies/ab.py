@@ -5,7 +5,7 @@ Each side is a build, a command or a setting of a planner.
 
 import shlex
 from collections.abc import Mapping
-from contextlib import ExitStack, closing
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -112,9 +112,7 @@ def ab(
     worlds = order_worlds_fairly(spec.world_number for spec in sides[0].trials())
     looks = plan_looks(len(worlds))
     with ExitStack() as stack:
-        pool = None
-        if all(config.mode == "direct" for config in configs):
-            pool = stack.enter_context(closing(make_shared_pool(sides[0].execution)))
+        pool = stack.enter_context(make_shared_pool(*sides))
         for config in configs:
             require_ros(config, reporter)
         base_run, head_run = (

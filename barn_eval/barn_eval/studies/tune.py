@@ -3,7 +3,7 @@
 import json
 import warnings
 from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager, closing, nullcontext
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil
@@ -170,10 +170,7 @@ def tune(
     tuner = Tuner(ranges, options, by, unseen, reporter)
     # Before workers start, because the folder may hold another tuning.
     study = tuner.study
-    pool_context: AbstractContextManager[WorkerPool | None] = nullcontext()
-    if tuner.base.config.mode == "direct":
-        pool_context = closing(make_shared_pool(tuner.base.execution))
-    with pool_context as tuner.pool:
+    with make_shared_pool(tuner.base) as tuner.pool:
         tuner.try_settings(settings)
         tuned = tuner.judge()
     trials = study.trials
