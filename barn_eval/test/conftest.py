@@ -2,6 +2,7 @@
 
 import json
 import shlex
+import shutil
 import signal
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +14,7 @@ from extra_messages import extra_message_types, with_extra_messages
 from planners import Straight, open_field, run_inline
 from report_work import campaign, drive
 from shared_fixtures import longest_first, original_folder
+from waiting import ROOT
 
 from barn_eval.commands.main import main
 from barn_eval.pages.report.page import build_report
@@ -39,7 +41,6 @@ LONGEST = [
     "studies/test_ab.py",
     "api/test_difficulty.py",
 ]
-ROOT = Path(__file__).resolve().parents[2]
 
 
 def pytest_collection_modifyitems(config, items):
@@ -148,6 +149,18 @@ def collided(tmp_path_factory):
     results = run_inline("120", planners, CHALLENGE, out=out, bags="all")
     assert [trial.outcome for trial in results.trials] == ["collision"]
     return results.folder
+
+
+@pytest.fixture
+def collided_copy(collided, tmp_path):
+    """A copy of that folder, to be changed."""
+    return Path(shutil.copytree(collided, tmp_path / "out"))
+
+
+@pytest.fixture
+def trials_copy(two_trials, tmp_path):
+    """A copy of the folder of two trials, to be changed."""
+    return Path(shutil.copytree(two_trials, tmp_path / "out"))
 
 
 @pytest.fixture(scope="session")

@@ -63,7 +63,7 @@ def test_clear_differences_make_ranks_in_the_order_of_the_means():
     difference = ranking.differences[0, 2].interval.estimate
     assert difference == pytest.approx(ranking.means[0] - ranking.means[2])
     ranking = rank({"low": quick, "high": slow}, larger_is_better=True)
-    assert (ranking.names, ranking.ranks) == (("high", "low"), (1, 2))
+    assert (ranking.names, ranking.ranks) == (["high", "low"], (1, 2))
 
 
 def test_two_clear_tests_may_be_open_after_holm():

@@ -568,18 +568,11 @@ def test_a_mistake_is_told_in_one_line(changes, message):
 
 
 @pytest.mark.parametrize(
-    "options",
-    [
-        {"wordl": 3},
-        {"world": 3.5},
-        {"world": -1},
-        {"world": 5000},
-        {"repetition": True},
-    ],
+    "option", ["wordl: 3", "world: 3.5", "world: -1", "world: 5000", "repetition: true"]
 )
-def test_a_wrong_option_of_a_reset_is_told(make, options):
+def test_a_wrong_option_of_a_reset_is_told(make, option):
     with refused(r"reset: |no world", BarnError):
-        make().reset(options=options)
+        make().reset(options=yaml.safe_load(option))
 
 
 def test_a_lidar_that_sees_too_little_is_told(make):

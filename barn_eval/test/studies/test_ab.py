@@ -4,6 +4,7 @@ import json
 
 import pytest
 from refusals import refused
+from text_tables import rows_of
 
 from barn_eval.running.reporting import Reporter
 from barn_eval.studies import ab as studied
@@ -78,19 +79,15 @@ def test_a_file_of_a_run_is_a_side(tmp_path):
     assert side(str(file)).config.planners[0].overrides == {"max_speed_mps": 0.4}
 
 
-@pytest.mark.parametrize(
-    "text, command, words",
-    [
-        (
-            "no_such_program --fast",
-            "",
-            "is not a workspace, file, planner of the suite or command",
-        ),
-        ("dwa,dwa.path_weight", "", "must be key=value"),
-        (".", "run me", "has no setup.bash"),
-        ("ws", "", "a workspace needs --planner-command"),
-    ],
-)
+NO_SIDES = """
+no_such_program --fast |        | is not a workspace, file, planner of the suite or command
+dwa,dwa.path_weight    |        | must be key=value
+.                      | run me | has no setup.bash
+ws                     |        | a workspace needs --planner-command
+"""
+
+
+@pytest.mark.parametrize("text, command, words", rows_of(NO_SIDES))
 def test_what_is_nothing_is_refused_in_one_line(
     text, command, words, workspace, monkeypatch
 ):

@@ -11,9 +11,10 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+import yaml
 from forgery import forge, replace_text, won
 from planners import run_inline
-from waiting import run_python
+from waiting import ROOT, run_python
 
 import barn_eval as barn
 from barn_eval.analysis.leaderboard import make_boards
@@ -23,7 +24,6 @@ from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.verification.submission import submit
 from barn_worlds.base.errors import ExitCode
 
-ROOT = Path(__file__).resolve().parents[3]
 DIGEST = "sha256:" + "ab" * 32
 
 
@@ -167,50 +167,36 @@ def test_a_row_of_a_planner_that_was_not_run_is_named(submitted, tmp_path, comma
     assert "other_w0000_r00 is not a trial of this run" in err
 
 
-def leave(files):
-    """Change no file of a submission."""
+# What is done to the files of a submission or to its content, and what is said.
+NO_SUBMISSIONS = """
+- {add: ../evil.txt, words: "'../evil.txt', which is not part of a submission"}
+- {add: /etc/evil, words: "holds '/etc/evil', which is not part"}
+- {add: parameters/../../a, words: which is not part of a submission}
+- {add: worlds.npz, size: 16777216, words: unpacks to 16777216}
+- {remove: tracks.jsonl, words: 'not a submission: has no tracks.jsonl'}
+- {content: {schema_version: 2}, words: schema_version must be 1}
+- {content: {files: {}}, words: does not list the files in the archive}
+- {content: {container: latest}, words: "container 'latest' is not a digest"}
+- {old: '"barn300"', new: '"/etc"', words: dataset}
+- {old: '"barn_sim": "', new: '"barn_sim": "9.', words: "was made with barn_sim '9."}
+"""
 
 
-def with_file(name, size=0):
-    """Return what adds a file of zeros to a submission's files."""
-    return lambda files: files.update({name: bytes(size)})
-
-
-def in_run(old, new):
-    """Return what changes a text in the run.json of a submission's files."""
-    return lambda files: files.update(
-        {"run.json": files["run.json"].replace(old.encode(), new.encode())}
-    )
-
-
-@pytest.mark.parametrize(
-    "change, changes, words",
-    [
-        (
-            with_file("../evil.txt"),
-            {},
-            "'../evil.txt', which is not part of a submission",
-        ),
-        (with_file("/etc/evil"), {}, "holds '/etc/evil', which is not part"),
-        (with_file("parameters/../../a"), {}, "which is not part of a submission"),
-        (with_file("worlds.npz", 1 << 24), {}, "unpacks to 16777216"),
-        (
-            lambda files: files.pop("tracks.jsonl"),
-            {},
-            "not a submission: has no tracks.jsonl",
-        ),
-        (leave, {"schema_version": 2}, "schema_version must be 1"),
-        (leave, {"files": {}}, "does not list the files in the archive"),
-        (leave, {"container": "latest"}, "container 'latest' is not a digest"),
-        (in_run('"barn300"', '"/etc"'), {}, "dataset"),
-        (in_run('"barn_sim": "', '"barn_sim": "9.'), {}, "was made with barn_sim '9."),
-    ],
-)
+@pytest.mark.parametrize("case", yaml.safe_load(NO_SUBMISSIONS))
 def test_what_is_no_submission_is_refused_in_one_line(
-    submitted, rejected, tmp_path, change, changes, words
+    submitted, rejected, tmp_path, case
 ):
-    path = rewritten(submitted, tmp_path / "again.barn.zip", change, **changes)
-    assert words in rejected(f"verify {path}", ends=ExitCode.FINDINGS)
+    def change(files):
+        if "add" in case:
+            files[case["add"]] = bytes(case.get("size", 0))
+        files.pop(case.get("remove"), None)
+        text = files["run.json"].decode()
+        text = text.replace(case.get("old", ""), case.get("new", ""))
+        files["run.json"] = text.encode()
+
+    content = case.get("content", {})
+    path = rewritten(submitted, tmp_path / "again.barn.zip", change, **content)
+    assert case["words"] in rejected(f"verify {path}", ends=ExitCode.FINDINGS)
 
 
 def test_a_file_that_is_cut_off_or_no_zip_is_refused_in_one_line(

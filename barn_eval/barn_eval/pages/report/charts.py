@@ -41,14 +41,13 @@ from barn_eval.pages.figures import (
     look_numbers,
     plain_text,
 )
-from barn_eval.pages.report.trials import DrivenTrial
+from barn_eval.pages.report.trials import DrivenTrial, read_trials
 from barn_eval.results.row_table import column, join
 from barn_eval.running.setting_folders import LATENCY, format_setting_value
 from barn_eval.trials.result import Outcome, Rows
 from barn_metrics.bootstrap import Interval
 from barn_worlds.base.arrays import Floats
 from barn_worlds.drawing.palette import BROKEN, INK
-from barn_worlds.worlds.world import World
 
 _RANK_LABEL = "world, from easy to difficult [rank]"
 # Above so many worlds per inch their numbers do not fit below the axis.
@@ -80,9 +79,6 @@ class ChartData:
     compute_overview: Callable[[], Overview]
     """Computes what `overview` is."""
 
-    compute_trials: Callable[[], tuple[list[DrivenTrial], dict[str, World]]]
-    """Reads what `driven` is."""
-
     hardest: int
     """Number of the hardest worlds that are drawn as maps."""
 
@@ -92,9 +88,9 @@ class ChartData:
         return self.compute_overview()
 
     @cached_property
-    def driven(self) -> tuple[list[DrivenTrial], dict[str, World]]:
-        """All trials by entry, and available worlds by checksum; read when needed."""
-        return self.compute_trials()
+    def trials(self) -> list[DrivenTrial]:
+        """All trials in the order of the entries, read on first access."""
+        return read_trials(self.entries)
 
     @property
     def look_numbers(self) -> list[int]:

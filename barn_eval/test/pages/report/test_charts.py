@@ -157,7 +157,7 @@ def test_a_success_after_a_failure_ends_without_a_cross(report):
     (world, trials) = next(
         (world, trials)
         for world, trials in select_worlds(
-            report.order.worlds, report.trials, report.worlds, 99
+            report.order.worlds, report.trials, 99
         ).values()
         if any(trial.track is not None for trial in trials)
     )
