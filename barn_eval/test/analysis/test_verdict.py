@@ -236,13 +236,13 @@ def test_few_worlds_and_unfinished_folders_are_told(tmp_path):
     rows = tuple(results(worlds=2))
     source = Source(tmp_path, "run", rows, {}, (), 20)
     entry = Entry("DWA", "", source, "dwa", rows)
-    assert list_cautions(10) == ()
+    assert list_cautions(10) == []
     few, partial = list_cautions(9, [entry])
     assert few.startswith("Only 9 worlds")
     assert partial == f"{tmp_path} is partial: 6 of 20 trials"
     for planned in (6, None):
         whole = replace(entry, source=replace(source, planned=planned))
-        assert list_cautions(10, [whole]) == ()
+        assert list_cautions(10, [whole]) == []
 
 
 def test_what_is_compared_across_classes_or_commits_is_named(tmp_path):

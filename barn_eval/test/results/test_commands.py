@@ -29,6 +29,7 @@ from barn_eval.running.direct import run_direct_trial
 from barn_eval.trials.run_config import ExecutionConfig, RunConfig
 from barn_eval.trials.trajectory import TrajectoryLog
 from barn_eval.trials.trial import FinishedTrial
+from barn_eval.verification.check import check_folder
 from barn_eval.verification.rerun import read_bag
 from barn_worlds.base.types import Odometry, Pose2D, Velocity2D
 
@@ -52,7 +53,7 @@ def test_a_run_without_bags_is_submitted_and_verified(
     succeed(f"submit {two_trials} --out {path}")
     code, out, _ = command(f"verify {path} --out {tmp_path}/kept")
     assert (code, out.splitlines()[-1]) == (0, "holds")
-    assert barn.results.check(tmp_path / "kept").driven == 2
+    assert check_folder(tmp_path / "kept").driven == 2
 
 
 def test_commands_are_small_and_those_of_the_bag(tmp_path):
@@ -85,12 +86,12 @@ def test_commands_that_no_planner_sent_are_found(trials_copy):
     content = {"trial_id": first} | pack_arrays({"commands": commands.ravel()})
     with (trials_copy / "commands.jsonl").open("a") as file:
         file.write(f"{seal_line(json.dumps(content))}\n")
-    assert barn.results.check(trials_copy).problems
+    assert check_folder(trials_copy).problems
 
 
 def test_missing_commands_are_named(trials_copy):
     (trials_copy / "commands.jsonl").unlink()
-    report = barn.results.check(trials_copy)
+    report = check_folder(trials_copy)
     assert report.problems == [
         f"{trials_copy}: gap_w{world}_r00: its commands are missing"
         for world in ("0000", "0120")
@@ -108,7 +109,7 @@ def test_a_kill_while_commands_are_written_loses_one_trial_only(trials_copy, cut
         (trials_copy / f"results.{name}").unlink()
     run_inline("0,120", out=trials_copy)
     assert lines_of(trials_copy) == expected
-    report = barn.results.check(trials_copy)
+    report = check_folder(trials_copy)
     assert (report.problems, report.driven) == ([], 2)
 
 
@@ -119,7 +120,7 @@ def test_a_trial_that_runs_again_counts_with_its_last_commands(trials_copy):
     run_inline("0,120", out=trials_copy)
     assert len((trials_copy / "commands.jsonl").read_text().splitlines()) == 2
     assert lines_of(trials_copy) == expected
-    assert barn.results.check(trials_copy).problems == []
+    assert check_folder(trials_copy).problems == []
 
 
 @pytest.mark.parametrize("left", ["row", "lines"])
@@ -234,7 +235,7 @@ def test_a_file_is_whole_after_a_failed_write(tmp_path):
 def test_an_older_folder_is_driven_again_by_its_bags(collided_copy):
     """Folders of schema 2 have no commands but those in bags."""
     make_old(collided_copy)
-    report = barn.results.check(collided_copy)
+    report = check_folder(collided_copy)
     assert (report.driven, report.problems) == (1, [])
     without_bags(collided_copy)
-    assert barn.results.check(collided_copy).driven == 0
+    assert check_folder(collided_copy).driven == 0

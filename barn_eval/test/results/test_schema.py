@@ -17,6 +17,7 @@ from barn_eval.results.folder import read_results
 from barn_eval.results.run_file import RunFile
 from barn_eval.trials.result import SCHEMA_VERSION, TrialResult
 from barn_eval.trials.run_config import ExecutionConfig, RunConfig
+from barn_eval.verification.check import check_folder
 from barn_worlds.base.errors import ExitCode
 
 # Hash of all keys of rows and run.json by schema. Where the keys have changed, raise
@@ -95,7 +96,7 @@ def test_an_older_folder_is_compared_and_reported(trials_copy, command, succeed)
 
 
 def test_the_check_of_an_honest_older_folder_finds_nothing_wrong(trials_copy):
-    report = barn.results.check(make_old(trials_copy))
+    report = check_folder(make_old(trials_copy))
     assert report.problems == []
     assert report.unchecked[0].startswith("2 trials: not driven again, because their")
 
@@ -106,7 +107,7 @@ def test_what_another_version_computes_is_not_called_wrong(trials_copy):
         row["scores"]["challenge"] = 0.4
 
     make_old(trials_copy, change)
-    report = barn.results.check(trials_copy)
+    report = check_folder(trials_copy)
     assert report.problems == []
     said = "2 trials: differ from what this version computes"
     (line,) = (line for line in report.unchecked if line.startswith(said))
@@ -158,7 +159,7 @@ def test_run_json_cannot_pass_for_another_task(trials_copy):
         content["robot"] = "0" * 64
     task = RunFile.read(trials_copy).task_fingerprint
     rewrite_rows(trials_copy, lambda rows: [row | {"task": task} for row in rows])
-    report = barn.results.check(trials_copy)
+    report = check_folder(trials_copy)
     lines = "\n".join(report.problems + report.unchecked)
     computed = f"but this version computes {expected}"
     assert f"run.json: states task {task}, {computed}" in lines
@@ -212,7 +213,7 @@ def test_an_older_row_of_another_task_than_run_json_is_named(trials_copy):
 
 def test_only_another_world_may_be_the_doing_of_a_version(trials_copy):
     make_old(trials_copy, lambda row: row.update(world_checksum="0" * 64))
-    report = barn.results.check(trials_copy)
+    report = check_folder(trials_copy)
     assert report.problems == []
     assert any("has changed since gap" in line for line in report.unchecked)
 
@@ -256,7 +257,7 @@ def test_settings_of_ros_are_no_identity_in_mode_direct(trials_copy):
     results = run_inline("0,120", out=trials_copy)
     assert [row.schema_version for row in results.trials] == [2, SCHEMA_VERSION]
     assert RunFile.read(trials_copy).schema_version == SCHEMA_VERSION
-    report = barn.results.check(trials_copy)
+    report = check_folder(trials_copy)
     assert (report.problems, report.driven) == ([], 2)
 
 

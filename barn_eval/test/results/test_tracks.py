@@ -147,7 +147,8 @@ DAMAGED = """
 - [{arrays: {}}, do not fit together]
 - [{steps: [1, 1, 1, 1, 1, 1, 1, 1]}, 'steps must be one number per channel, each']
 - [{steps: [[1], 1, 1, 1, 1, 1, 1, 1, 1]}, 'steps must be one number per channel, each']
-- [{steps: [1, 1, 1, 1, 1, 1, 1, 1, 1.0e+31]}, 'steps must be one number per channel']
+- - {steps: [1, 1, 1, 1, 1, 1, 1, 1, 1.0e+31]}
+  - steps must be one number per channel, each
 - [{steps: [.nan, .nan, .nan]}, 'numbers must be finite, got NaN']
 """
 

@@ -31,6 +31,7 @@ from barn_eval.results.tracks import pack_arrays
 from barn_eval.trials import spec
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.result import Outcome
+from barn_eval.verification.check import check_folder
 from barn_eval.verification.plausibility import find_difference
 from barn_worlds.messages import decode
 from barn_worlds.messages.encode import OdometryEncoder
@@ -71,7 +72,7 @@ def write_long_table(path):
 def test_an_unfinished_folder_is_good_as_far_as_it_goes(folder):
     rows = (folder / "results.jsonl").read_text().splitlines(keepends=True)
     (folder / "results.jsonl").write_text(rows[0] + rows[1][:40])
-    assert barn.results.check(folder).problems == []
+    assert check_folder(folder).problems == []
 
 
 # Of a row: its position, what is changed in it, and what is said.
@@ -152,7 +153,7 @@ def require_finding(folder, command, words):
 
 def test_a_folder_without_any_bags_is_honest(folder):
     shutil.rmtree(folder / "bags")
-    check = barn.results.check(folder)
+    check = check_folder(folder)
     assert (check.problems, check.driven) == ([], 2)
     assert check.unchecked == ["2 trials: have no bag"]
 
@@ -170,9 +171,9 @@ def test_only_the_bag_of_a_trial_that_never_began_may_be_empty(folder):
     shutil.rmtree(path)
     with Recorder(path) as recorder:
         recorder.finish()
-    assert barn.results.check(folder).problems == [f"{path}: the bag is empty"]
+    assert check_folder(folder).problems == [f"{path}: the bag is empty"]
     change_row(folder, 0, measures__driven_m=0.0)
-    problems = barn.results.check(folder).problems
+    problems = check_folder(folder).problems
     assert not any("empty" in problem for problem in problems)
 
 
@@ -211,7 +212,7 @@ def test_a_bound_by_averages_warns_and_accuses_nobody(driven, monkeypatch):
     """Tires may slide further than the bound assumes, and the row is honest then."""
     monkeypatch.setitem(spec.WHEEL_SLIP, "skid_steer", -0.2)
     folder = run_inline("0", out=driven.parent / "slid", protocol=CHALLENGE).folder
-    report = barn.results.check(folder)
+    report = check_folder(folder)
     assert (report.problems, report.unchecked) == ([], [])
     (note,) = report.notes
     assert note.endswith("was faster than the bound")
@@ -220,7 +221,7 @@ def test_a_bound_by_averages_warns_and_accuses_nobody(driven, monkeypatch):
 def test_a_folder_without_sessions_is_no_run(folder):
     with edit_run(folder) as content:
         content["sessions"] = []
-    assert "lists no session" in " ".join(barn.results.check(folder).problems)
+    assert "lists no session" in " ".join(check_folder(folder).problems)
 
 
 def test_a_command_where_none_was_due_is_a_finding(tmp_path):
@@ -301,13 +302,13 @@ def test_consistent_forgeries_are_still_detected(collided_copy, name, records):
         without_bags(collided_copy)
     if records == "tracks":
         (collided_copy / "commands.jsonl").unlink()
-        report = barn.results.check(collided_copy)
+        report = check_folder(collided_copy)
         missing = f"{collided_copy}: straight_w0120_r00: its commands are missing"
         reason = "1 trials: not driven again, because their commands are missing"
         assert (report.driven, report.problems) == (0, [missing])
         assert report.unchecked[0].startswith(reason)
     else:
-        report = barn.results.check(collided_copy)
+        report = check_folder(collided_copy)
         assert (report.driven, report.problems, report.unchecked) == (1, [], [])
     if callable(changes):
         changes = changes(barn.load(collided_copy).trials[0])
@@ -334,7 +335,7 @@ def test_a_bag_that_its_commands_do_not_give_is_rejected(collided_copy):
         return OdometryEncoder("map", "base_link").encode(moved, true.stamp_ns)
 
     rewrite_bag(bag, shifted, row.repeatable())
-    problems = barn.results.check(collided_copy).problems
+    problems = check_folder(collided_copy).problems
     (problem,) = (line for line in problems if "give a different trajectory" in line)
     assert problem.endswith(
         "its commands, driven again, give a different trajectory from 0.00 s on, up to 0.002 m away"

@@ -21,6 +21,7 @@ from barn_eval.analysis.leaderboard import make_boards
 from barn_eval.results.rows import seal_line, unseal_line
 from barn_eval.running import direct
 from barn_eval.trials.protocol import CHALLENGE
+from barn_eval.verification.check import check_folder
 from barn_eval.verification.submission import submit
 from barn_worlds.base.errors import ExitCode
 
@@ -63,7 +64,7 @@ def test_what_was_submitted_holds_and_is_a_folder_again(
     expected |= {"protocol": "challenge", "container": DIGEST}
     assert content | expected == content
     assert (kept / "results.csv").read_bytes() == (run / "results.csv").read_bytes()
-    assert barn.results.check(kept).problems == []
+    assert check_folder(kept).problems == []
     assert "kept only claims versions" in make_boards([kept])[0].notes[-1]
     said = "1 of 1 rows, 1 tracks, 0 bags, 1 driven again\nholds\n"
     assert command(f"verify {submitted}")[1].endswith(said)
@@ -137,7 +138,7 @@ def test_another_planner_under_the_name_of_one_does_not_hold(
     tmp_path, monkeypatch, command
 ):
     folder, path = drive_as_dwa(tmp_path / "alone", monkeypatch, ["dwa"])
-    assert barn.results.check(folder).problems == []
+    assert check_folder(folder).problems == []
     code, out, err = command(f"verify {path}")
     assert (code, out.splitlines()[-1]) == (1, "does not hold")
     assert "dwa_w0000_r00: dwa drives otherwise: " in err
@@ -146,7 +147,7 @@ def test_another_planner_under_the_name_of_one_does_not_hold(
 
 def test_equal_commands_of_two_planners_are_named(tmp_path, monkeypatch, command):
     folder, path = drive_as_dwa(tmp_path / "twins", monkeypatch, ["gap", "dwa"])
-    report = barn.results.check(folder)
+    report = check_folder(folder)
     words = "dwa and gap have equal commands in 1 trials"
     assert (report.problems, report.notes) == ([], [f"{folder}: {words}"])
     (board,) = make_boards([folder])

@@ -303,8 +303,7 @@ def _outcomes(data: ChartData, make_panels: MakePanels) -> Handles:
     patches = {}
     for number, (axes, group) in enumerate(zip(panels, groups, strict=True)):
         # Bars by outcome, each of the trials of one world that ended in it.
-        bars: dict[Outcome, list[Floats]] = {}
-        tips: dict[Outcome, list[Tip]] = {}
+        bars: dict[Outcome, list[tuple[Any, Tip]]] = {}
         for world, outcomes in group.items():
             if world not in places:
                 continue
@@ -317,14 +316,14 @@ def _outcomes(data: ChartData, make_panels: MakePanels) -> Handles:
                 bar = [(left, top), (left + 1.0, top)]
                 top += count
                 bar += [(left + 1.0, top), (left, top)]
-                bars.setdefault(outcome, []).append(np.array(bar))
                 text = f"world {world}: {count} of {len(outcomes)} {outcome.words}"
                 tip = (text, number, world, outcome.value)
-                tips.setdefault(outcome, []).append(tip)
-        for outcome, corners in bars.items():
+                bars.setdefault(outcome, []).append((bar, tip))
+        for outcome, parts in bars.items():
+            corners, tips = zip(*parts, strict=True)
             color = OUTCOME_COLORS[outcome]
             areas = PolyCollection(corners, color=color, linewidth=0.3)
-            add_tips(areas, tips[outcome])
+            add_tips(areas, tips)
             axes.add_collection(areas)
             name = outcome.words if color != BROKEN else "other failure"
             # Outcomes of one name have one color, so the legend has them once.
