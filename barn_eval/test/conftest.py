@@ -208,6 +208,14 @@ def moving_world(open_world):
     return replace(open_world, name="moving", moving=moving)
 
 
+@pytest.fixture
+def open_dataset_file(open_world, tmp_path):
+    """The file of a data set whose only world is the open one."""
+    path = tmp_path / "world_0.npy"
+    np.save(path, open_world.grid)
+    return str(path)
+
+
 @pytest.fixture(params=["open_world", "moving_world"])
 def either_world(request):
     return request.getfixturevalue(request.param)

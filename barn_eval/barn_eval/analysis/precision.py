@@ -122,7 +122,8 @@ def estimate_precision(
         BarnError: If the estimate cannot be made.
     """
     _require_pair_for(size, results)
-    measure = ranking_measure(next(iter(results.values())))
+    first_rows = next(iter(results.values()))
+    measure = ranking_measure(first_rows)
     if measure_key:
         measure = MEASURES[require_measures([measure_key])[0]]
     # See `_ONE_TRIAL_NOTE`.
@@ -156,7 +157,7 @@ def estimate_precision(
             worlds = worlds_for_difference(pair.parts, wanted_difference, count)
             needs.append(Need(pair.of, "difference", wanted_difference, count, worlds))
 
-    available = count_available_worlds(next(iter(results.values())))
+    available = count_available_worlds(first_rows)
     notes = list_cautions(max(figure.worlds for figure in figures))
     if has_one_trial_per_world:
         notes.append(_ONE_TRIAL_NOTE)

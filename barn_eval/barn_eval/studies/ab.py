@@ -93,10 +93,7 @@ def ab(
         BarnError: If an option or a side is wrong, or a trial fails through no fault of
             its planner.
     """
-    sides = (
-        read_side(base, base, command, options),
-        read_side(head, base, command, options),
-    )
+    sides = [read_side(text, base, command, options) for text in (base, head)]
     configs = [side.config for side in sides]
     # No test can separate equal sides.
     fingerprints = {

@@ -14,6 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from barn_eval.analysis.conventions import CONVENTIONS
+from barn_eval.analysis.difficulty import TIME
 from barn_eval.analysis.planners import assign_colors, spelling
 from barn_eval.analysis.significance import t_quantile
 from barn_eval.analysis.sources import (
@@ -288,7 +289,7 @@ def _measure_world(
     means = {}
     variances = []
     for planner in planners:
-        times = _times_s_per_m(groups[planner])
+        times = TIME.values(groups[planner])
         means[planner] = float(times.mean())
         if len(times) > 1:
             variances.append(float(times.var(ddof=1)) / len(times))
@@ -300,7 +301,7 @@ def _measure_world(
     simulated_s_per_m = None
     if all(planner in simulated for planner in planners):
         simulated_s_per_m = float(
-            np.mean([_times_s_per_m(simulated[planner]).mean() for planner in planners])
+            np.mean([TIME.values(simulated[planner]).mean() for planner in planners])
         )
     return WorldDifficulty(
         world=number,
@@ -313,11 +314,6 @@ def _measure_world(
         noise_variance=noise_variance,
         simulated_s_per_m=simulated_s_per_m,
     )
-
-
-def _times_s_per_m(rows: Iterable[TrialResult]) -> Floats:
-    """Return the scored times per meter of path [s/m] (n,), including failures."""
-    return np.array([row.scores.normalised_time_s_per_m for row in rows], dtype=float)
 
 
 def write_finding(finding: PhysicalFinding, folder: Path) -> Path:

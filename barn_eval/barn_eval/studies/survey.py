@@ -96,18 +96,16 @@ def survey_course(
     """
     returns, places = _select_scans(trial)
     has_truth = trial.frame == MAP
-    motions = trial.odometry
-    if has_truth:
-        motions = trial.poses
-        start = Pose2D(*motions[0].tolist())
+    motions = trial.poses if has_truth else trial.odometry
+    # Poses of the lidar at the start and at each scan.
+    rows = motions[[0, *places]].tolist()
+    last, *lidars = [Pose2D(*row) @ trial.lidar for row in rows]
 
     # First fit each scan to the plan, so that errors of the odometry do not add up.
     plan_m = world.planned_m
     poses = np.empty((len(places), 3))
-    pose = start @ trial.lidar
-    last = Pose2D(*motions[0].tolist()) @ trial.lidar
-    for number, place in enumerate(places):
-        lidar = Pose2D(*motions[place].tolist()) @ trial.lidar
+    pose = last if has_truth else start @ trial.lidar
+    for number, lidar in enumerate(lidars):
         pose = pose @ last.inverse() @ lidar
         last = lidar
         poses[number] = (pose.x, pose.y, pose.yaw)
@@ -145,11 +143,8 @@ def survey_course(
     datum = "plan"
     if has_truth:
         datum = "true poses"
-        true_m = []
-        for row in trial.poses[places].tolist():
-            pose = Pose2D(*row) @ trial.lidar
-            true_m.append((pose.x, pose.y))
-        centers_m = _fit(poses[:, :2], np.array(true_m)).transform(centers_m)
+        true_m = np.array([(lidar.x, lidar.y) for lidar in lidars])
+        centers_m = _fit(poses[:, :2], true_m).transform(centers_m)
     counts = np.bincount(matches[:, 1].astype(int), minlength=len(plan_m))
     covariance = np.asarray(np.linalg.inv(information), np.float64)[first:, first:]
     errors_m = _standard_errors(covariance, centers_m, counts)

@@ -285,8 +285,7 @@ def _compare_sums(
         if value is not None and value > longest_s:
             yield f"{key} is {value:.2f} in the row, at most {longest_s:.2f} by its track"
 
-    turns = np.diff(channel["yaw"])
-    turns = (turns + np.pi) % (2.0 * np.pi) - np.pi
+    turns = np.diff(np.unwrap(channel["yaw"]))
     least = {"rotation_rad": np.abs(turns).sum() - step["yaw"] * len(turns)}
     if periods_s.any():
         # The first reading counts like any other, though no time precedes it.

@@ -75,12 +75,9 @@ def test_a_batch_is_as_its_environments_one_by_one(pair, autoreset):
     assert outcomes.count("collision") > 20
 
 
-def test_so_to_the_goal(pair, open_world, tmp_path):
-    np.save(tmp_path / "world_0.npy", open_world.grid)
+def test_so_to_the_goal(pair, open_dataset_file):
     ahead = np.full((250, COUNT, 2), [0.2, 0.0], np.float32)
-    assert "success" in drive(
-        pair(dataset=str(tmp_path / "world_0.npy"), **SHORT), 250, ahead
-    )
+    assert "success" in drive(pair(dataset=open_dataset_file, **SHORT), 250, ahead)
 
 
 # Number of steps, whether a robot collides, and what is changed.

@@ -41,6 +41,12 @@ def lines_of(folder):
     return {json.loads(line)["trial_id"]: unseal_line(line, "line") for line in lines}
 
 
+def packed(commands, trial_id="a"):
+    """Return the line of a trial with these numbers as its commands."""
+    arrays = pack_arrays({"commands": commands.ravel()})
+    return json.dumps({"trial_id": trial_id} | arrays)
+
+
 def test_a_run_without_bags_is_driven_again(two_trials, command):
     said = "2 of 2 rows, 2 tracks, 0 bags, 2 driven again\n"
     assert command(f"check {two_trials}") == (0, said, "")
@@ -73,9 +79,8 @@ def test_other_commands_than_those_of_a_bag_are_named(collided_copy):
     _, commands = parse_commands_line(line, "line")
     commands = commands.copy()
     commands[3, 0] += 0.01
-    content = {"trial_id": trial_id} | pack_arrays({"commands": commands.ravel()})
-    text = f"{seal_line(json.dumps(content))}\n"
-    (collided_copy / "commands.jsonl").write_text(text)
+    (collided_copy / "commands.jsonl").unlink()
+    append_line(collided_copy / "commands.jsonl", packed(commands, trial_id))
     require_problems(collided_copy, "its commands differ from those in its bag")
 
 
@@ -83,9 +88,7 @@ def test_commands_that_no_planner_sent_are_found(trials_copy):
     lines = lines_of(trials_copy)
     first, second = lines
     _, commands = parse_commands_line(lines[second], "line")
-    content = {"trial_id": first} | pack_arrays({"commands": commands.ravel()})
-    with (trials_copy / "commands.jsonl").open("a") as file:
-        file.write(f"{seal_line(json.dumps(content))}\n")
+    append_line(trials_copy / "commands.jsonl", packed(commands, first))
     assert check_folder(trials_copy).problems
 
 
@@ -196,11 +199,6 @@ def test_the_commands_of_an_endless_trial_are_not_kept(monkeypatch):
     assert commands_line(trial) is None
     noise = np.random.default_rng(1).normal(size=2 * MAX_COMMANDS)
     assert len(json.dumps(pack_arrays({"commands": noise}))) < 1_000_000
-
-
-def packed(commands):
-    """Return the line of a trial with these numbers as its commands."""
-    return json.dumps({"trial_id": "a"} | pack_arrays({"commands": commands}))
 
 
 @pytest.mark.parametrize(

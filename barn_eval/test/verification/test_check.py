@@ -22,12 +22,12 @@ from forgery import (
 from planners import run_inline
 from refusals import refused
 from report_work import change_row
+from results.test_commands import packed
 
 import barn_eval as barn
 from barn_eval.results.bags.recorder import Recorder
 from barn_eval.results.commands import parse_commands_line
-from barn_eval.results.rows import COMMANDS_FILE, seal_line, unseal_line
-from barn_eval.results.tracks import pack_arrays
+from barn_eval.results.rows import COMMANDS_FILE, append_line, unseal_line
 from barn_eval.trials import spec
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.result import Outcome
@@ -234,8 +234,8 @@ def test_a_command_where_none_was_due_is_a_finding(tmp_path):
     commands = commands.copy()
     assert np.isnan(commands[1, 0])
     commands[1] = 0.1
-    content = {"trial_id": trial_id} | pack_arrays({"commands": commands.ravel()})
-    path.write_text(seal_line(json.dumps(content)) + "\n")
+    path.unlink()
+    append_line(path, packed(commands, trial_id))
     require_problems(folder, "0.05 s, when none was due")
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from barn_eval.results.bags.movers import MAX_EXTRAPOLATION_S, TRAIL_S
-from barn_eval.results.bags.recorded import RecordedTrial, TimedItem
+from barn_eval.results.bags.recorded import RecordedTrial, TimedItem, times_of
 from barn_eval.results.tracks import pack_arrays
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.types import ORIGIN, OccupancyMap, Pose2D
@@ -53,13 +53,13 @@ def make_payload(recorded: RecordedTrial) -> dict[str, Any]:
         "goal_distance": scene.goal_distance_m if scene else 0.0,
         "scene": _add_scene(recorded, arrays),
         "moving": _add_moving(recorded, arrays),
-        "recoveries": list(recorded.recoveries_s),
+        "recoveries": recorded.recoveries_s,
         "along_path": progress is not None,
         "outcomes": [[item.time_s, item.content] for item in recorded.outcomes],
     }
     arrays["progress"] = np.empty(0) if progress is None else progress
     arrays["clearance"] = recorded.clearance_m
-    arrays["score_times"] = np.array([item.time_s for item in recorded.scores])
+    arrays["score_times"] = times_of(recorded.scores)
     arrays["scores"] = np.array([item.content for item in recorded.scores], "f4")
     if recorded.map is not None:
         content["map"] = _grid_list(recorded.map, ORIGIN)
@@ -222,7 +222,7 @@ def _add_scans(recorded: RecordedTrial, arrays: Arrays) -> dict[str, float] | No
     is_near = (ranges >= first.range_min) & (ranges < _NO_RANGE / 100.0)
     is_hit = np.isfinite(ranges) & is_near
     centimeters = np.round(np.where(is_hit, ranges, 0.0) * 100.0)
-    arrays["scan_times"] = np.array([item.time_s for item in scans])
+    arrays["scan_times"] = times_of(scans)
     arrays["scan_ranges"] = np.where(is_hit, centimeters, _NO_RANGE).astype("u2")
     return {
         "beams": ranges.shape[1],
@@ -255,7 +255,7 @@ def _add_lines(
             points.append(line[positions])
             lengths.append(count)
         line_counts.append(len(lines))
-    arrays[f"{name}_times"] = np.array([item.time_s for item in items])
+    arrays[f"{name}_times"] = times_of(items)
     arrays[f"{name}_lines"] = np.cumsum(line_counts)
     arrays[f"{name}_ends"] = np.cumsum(lengths)
     arrays[f"{name}_points"] = np.concatenate(points)
@@ -293,7 +293,7 @@ def _add_costmaps(recorded: RecordedTrial, arrays: Arrays) -> list[list[float]]:
         cells.append(levels.ravel())
         grids.append(_grid_list(item.content, recorded.to_frame(item)))
     arrays["costmap_cells"] = np.concatenate(cells)
-    arrays["costmap_times"] = np.array([item.time_s for item in costmaps])
+    arrays["costmap_times"] = times_of(costmaps)
     return grids
 
 

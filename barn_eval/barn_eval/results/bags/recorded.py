@@ -1,10 +1,10 @@
 """Read a trial from a bag into arrays on one time line."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from operator import attrgetter, itemgetter
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,6 +15,7 @@ from barn_eval.results.bags.bagfile import BagFile
 from barn_eval.results.bags.decode import TOPICS, metadata
 from barn_eval.results.bags.messages import PUSHED_M
 from barn_eval.results.bags.movers import ROUNDING_S, RecordedMotions, compute_gaps
+from barn_eval.results.bags.observed import Logged
 from barn_eval.results.bags.sources import NO_SOURCES, Sources, TopicChoice
 from barn_eval.trials.stamps import number_clocks
 from barn_eval.trials.trajectory import compute_clearances
@@ -44,6 +45,11 @@ class TimedItem(NamedTuple):
     time_s: float  # from the first pose
     frame: str  # of the bag
     content: Any
+
+
+def times_of(items: Iterable[TimedItem]) -> Floats:
+    """Return the times (n,) of items [s]."""
+    return np.array([item.time_s for item in items], np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,10 +90,10 @@ class RecordedTrial:
     # Final places (k, 2) of cylinders that were pushed.
     pushed_m: Floats = field(default_factory=lambda: np.empty((0, 2)))
     moving: RecordedMotions | None = None
-    recoveries_s: tuple[float, ...] = ()  # times at which the planner began to recover
+    recoveries_s: Sequence[float] = ()  # times at which the planner began to recover
     trial: dict[str, Any] = field(default_factory=dict)
     result: dict[str, Any] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()  # texts on what is missing or was cut off
+    notes: Sequence[str] = ()  # texts on what is missing or was cut off
 
     def index_at(self, time_s: float) -> int:
         """Return the index of the last pose at or before `time_s`, 0 if none is."""
@@ -219,7 +225,7 @@ def read_recorded_trial(path: Path, sources: Sources = NO_SOURCES) -> RecordedTr
     if not items[topics.COLLISION]:
         notes.append("contacts are unknown: the bag has no topic that reports them")
 
-    times_s = np.array([item.time_s for item in poses])
+    times_s = times_of(poses)
     no_pose = (np.nan, np.nan, np.nan)
     contacts = items[topics.COLLISION]
     touched = _hold(contacts, lambda contact: (contact,), times_s, (0.0,))
@@ -260,7 +266,7 @@ def read_recorded_trial(path: Path, sources: Sources = NO_SOURCES) -> RecordedTr
         recoveries_s=_find_recoveries(items[topics.DIAGNOSTICS]),
         trial=trial,
         result=result,
-        notes=tuple(note for note in notes if note),
+        notes=list(filter(None, notes)),
     )
 
 
@@ -274,7 +280,7 @@ def _read_items(
         choice: Meaning of its topics.
         unreadable: Receives a text for each topic that cannot be shown whole.
     """
-    messages: dict[str, list[tuple[int, str, Any]]] = {path: [] for path in TOPICS}
+    messages: dict[str, list[Logged]] = {path: [] for path in TOPICS}
     for message in bag.messages(choice.paths):
         topic = choice.paths.get(message.topic, "")
         type_name = message.type_name
@@ -294,49 +300,49 @@ def _read_items(
             )
             unreadable.setdefault(topic, text)
             continue
-        messages[topic].append((message.stamp_ns, frame, content))
+        messages[topic].append(Logged(message.stamp_ns, content, frame))
 
     if choice.sources.pose:
         messages[topics.GROUND_TRUTH.path] = []
         reader = choice.pose_reader()
         messages[topics.ODOM.path] = [
-            (message.stamp_ns, reader.frame, odometry)
+            Logged(message.stamp_ns, odometry, reader.frame)
             for message in bag.messages(reader.topics)
             for odometry in reader.read(message)
         ]
     for rows in messages.values():
         # Messages with equal times keep their order.
-        rows.sort(key=itemgetter(0))
+        rows.sort(key=attrgetter("log_ns"))
     poses = messages[topics.GROUND_TRUTH.path] or messages[topics.ODOM.path]
     # In bags of the suite, log times are the robot's times.
     if "barn.trial" not in bag.metadata:
         _restamp(messages, poses, unreadable)
-    start_ns = poses[0][0] if poses else 0
+    start_ns = poses[0].log_ns if poses else 0
     items: dict[topics.Topic, list[TimedItem]] = {}
     for key, _ in decode.READERS:
         items[key] = [
-            TimedItem(seconds(stamp_ns - start_ns), frame, content)
-            for stamp_ns, frame, content in messages[key.path]
+            TimedItem(seconds(log_ns - start_ns), frame, content)
+            for log_ns, content, frame in messages[key.path]
         ]
     return items
 
 
 def _restamp(
-    messages: dict[str, list[tuple[int, str, Any]]],
-    poses: list[tuple[int, str, Any]],
+    messages: dict[str, list[Logged]],
+    poses: list[Logged],
     unreadable: dict[str, str],
 ) -> None:
     """Replace log times by the robot's, unless poses have none or their clock was set.
 
     Args:
-        messages: Rows of time, frame and content by topic, in order; changed in place.
-        poses: The rows of the poses.
+        messages: Messages by topic, in order; changed in place.
+        poses: Those of the poses.
         unreadable: Receives a text if the clock was set and log times are kept.
     """
-    stamps_ns = np.array([pose.stamp_ns for _, _, pose in poses], np.int64)
+    stamps_ns = np.array([pose.content.stamp_ns for pose in poses], np.int64)
     if not stamps_ns.any():
         return
-    log_ns = np.array([row[0] for row in poses])
+    log_ns = np.array([pose.log_ns for pose in poses])
     clocks = number_clocks(stamps_ns, log_ns)
     if (clocks > 0).any():
         unreadable["stamps"] = "stamps of poses jump, so times are from the log"
@@ -345,10 +351,10 @@ def _restamp(
     log_ns = log_ns[clocks == 0]
     for rows in messages.values():
         # Other messages may have no stamp, so poses give their times.
-        offsets = [row[0] - log_ns[0] for row in rows]
+        offsets = [row.log_ns - log_ns[0] for row in rows]
         places = np.interp(offsets, log_ns - log_ns[0], stamps_ns - stamps_ns[0])
         rows[:] = [
-            (int(stamps_ns[0]) + round(place), *row[1:])
+            row._replace(log_ns=int(stamps_ns[0]) + round(place))
             for place, row in zip(places.tolist(), rows, strict=True)
         ]
 
@@ -362,8 +368,7 @@ def _hold(
     """Return the row of the latest item at each time (n, k), `before` ahead of all."""
     # The first row is for the time before any item.
     rows = np.array([before, *(row_of(item.content) for item in items)], np.float64)
-    item_times_s = [item.time_s for item in items]
-    return rows[np.searchsorted(item_times_s, times_s, side="right")]
+    return rows[np.searchsorted(times_of(items), times_s, side="right")]
 
 
 def _read_scene(items: list[TimedItem]) -> tuple[TrialScene | None, Floats]:
@@ -396,7 +401,7 @@ def _find_lidar(items: ItemsByTopic, trial: dict[str, Any]) -> tuple[Pose2D, str
     return ORIGIN, note
 
 
-def _find_recoveries(reports: list[TimedItem]) -> tuple[float, ...]:
+def _find_recoveries(reports: list[TimedItem]) -> list[float]:
     """Return times [s] at which the reported status changed to recovering.
 
     Empty reports are from other nodes and are skipped.
@@ -407,7 +412,7 @@ def _find_recoveries(reports: list[TimedItem]) -> tuple[float, ...]:
         if report.content == decode.RECOVERING and status != decode.RECOVERING:
             times_s.append(report.time_s)
         status = report.content or status
-    return tuple(times_s)
+    return times_s
 
 
 def _read_motions(items: ItemsByTopic) -> tuple[RecordedMotions | None, str]:

@@ -89,9 +89,9 @@ class WorldRow:
 class TrialsFinding:
     """All figures of the trials."""
 
-    planners: Sequence[PlannerFinding]
+    planners: tuple[PlannerFinding, ...]
     # From easy to difficult.
-    worlds: Sequence[WorldRow]
+    worlds: tuple[WorldRow, ...]
     # Spearman's rank correlation of mean and spread over both planners' trials, and of
     # the two planners' means.
     spread_correlation: Interval
@@ -292,7 +292,7 @@ class MetricsFinding:
     """Table II of a data set, by the formulas that reproduce the published numbers."""
 
     worlds: int
-    rows: Sequence[MetricRow]
+    rows: tuple[MetricRow, ...]
 
 
 def summarize_metrics(dataset: Dataset, seed: int) -> MetricsFinding:
@@ -320,7 +320,7 @@ def summarize_metrics(dataset: Dataset, seed: int) -> MetricsFinding:
                 corrected["std"],
             )
         )
-    return MetricsFinding(len(table.worlds), rows)
+    return MetricsFinding(len(table.worlds), tuple(rows))
 
 
 @dataclass(frozen=True)
@@ -333,7 +333,7 @@ class ModelFinding:
     # Mean squared error in those worlds [(s/m)^2].
     training_mse: float
     # Predictions from easy to difficult by measurement [s/m].
-    predicted_s_per_m: Sequence[float]
+    predicted_s_per_m: tuple[float, ...]
     # (s/m)^2
     variance: float
     mse: Interval
@@ -370,7 +370,7 @@ def judge_model(
         title=model.about.get("title", ""),
         training_worlds=model.about.get("training_worlds", 0),
         training_mse=model.about.get("training_mse", math.nan),
-        predicted_s_per_m=predicted.tolist(),
+        predicted_s_per_m=tuple(predicted.tolist()),
         variance=float(measured.var()),
         mse=mean_interval(errors**2, worlds),
         mae=mean_interval(np.abs(errors), worlds),
