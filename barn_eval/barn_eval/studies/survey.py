@@ -96,7 +96,9 @@ def survey_course(
     """
     returns, places = _select_scans(trial)
     has_truth = trial.frame == MAP
-    motions = trial.poses if has_truth else trial.odometry
+    motions = trial.odometry
+    if has_truth:
+        motions = trial.poses
     # Poses of the lidar at the start and at each scan.
     rows = motions[[0, *places]].tolist()
     last, *lidars = [Pose2D(*row) @ trial.lidar for row in rows]
@@ -104,7 +106,9 @@ def survey_course(
     # First fit each scan to the plan, so that errors of the odometry do not add up.
     plan_m = world.planned_m
     poses = np.empty((len(places), 3))
-    pose = last if has_truth else start @ trial.lidar
+    pose = start @ trial.lidar
+    if has_truth:
+        pose = last
     for number, lidar in enumerate(lidars):
         pose = pose @ last.inverse() @ lidar
         last = lidar

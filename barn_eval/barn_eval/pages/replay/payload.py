@@ -54,10 +54,10 @@ def make_payload(recorded: RecordedTrial) -> dict[str, Any]:
         "scene": _add_scene(recorded, arrays),
         "moving": _add_moving(recorded, arrays),
         "recoveries": recorded.recoveries_s,
-        "along_path": progress is not None,
+        "along_path": len(progress) > 0,
         "outcomes": [[item.time_s, item.content] for item in recorded.outcomes],
     }
-    arrays["progress"] = np.empty(0) if progress is None else progress
+    arrays["progress"] = progress
     arrays["clearance"] = recorded.clearance_m
     arrays["score_times"] = times_of(recorded.scores)
     arrays["scores"] = np.array([item.content for item in recorded.scores], "f4")
@@ -122,16 +122,16 @@ def bounds(recorded: RecordedTrial) -> list[float]:
     return [*low.tolist(), *high.tolist()]
 
 
-def progress_m(recorded: RecordedTrial) -> Floats | None:
-    """Return the farthest progress along the path by each time (n,) [m]; None if no path.
+def progress_m(recorded: RecordedTrial) -> Floats:
+    """Return the farthest progress along the path by each time (n,) [m]; (0,) without one.
 
     The path leads from the start through the world to the goal. Progress is the arc
-    length of its nearest point, the largest so far. None if the path is unknown.
+    length of its nearest point, the largest so far.
     """
     scene = recorded.scene
     # Without a path there is no along.
     if scene is None or not len(scene.path_m):
-        return None
+        return np.empty(0)
     ends = []
     for pose in (scene.start, scene.goal):
         ends.append([[pose.x, pose.y]] if pose else np.empty((0, 2)))
@@ -142,7 +142,7 @@ def progress_m(recorded: RecordedTrial) -> Floats | None:
     origins = path[:-1][is_step]
     steps = steps[is_step]
     if not len(steps):
-        return None
+        return np.empty(0)
 
     # The nearest point of every step to every pose, then the nearest of these.
     lengths = np.hypot(*steps.T)
