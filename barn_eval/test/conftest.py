@@ -2,6 +2,7 @@
 
 import json
 import shlex
+import shutil
 import signal
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +14,7 @@ from extra_messages import extra_message_types, with_extra_messages
 from planners import Straight, open_field, run_inline
 from report_work import campaign, drive
 from shared_fixtures import longest_first, original_folder
+from waiting import ROOT
 
 from barn_eval.commands.main import main
 from barn_eval.pages.report.page import build_report
@@ -39,7 +41,6 @@ LONGEST = [
     "studies/test_ab.py",
     "api/test_difficulty.py",
 ]
-ROOT = Path(__file__).resolve().parents[2]
 
 
 def pytest_collection_modifyitems(config, items):
@@ -150,6 +151,18 @@ def collided(tmp_path_factory):
     return results.folder
 
 
+@pytest.fixture
+def collided_copy(collided, tmp_path):
+    """A copy of that folder, to be changed."""
+    return Path(shutil.copytree(collided, tmp_path / "out"))
+
+
+@pytest.fixture
+def trials_copy(two_trials, tmp_path):
+    """A copy of the folder of two trials, to be changed."""
+    return Path(shutil.copytree(two_trials, tmp_path / "out"))
+
+
 @pytest.fixture(scope="session")
 def folder(run, tmp_path_factory):
     """The folder of a campaign of gap and DWA, made of the trial that was driven."""
@@ -193,6 +206,14 @@ def moving_world(open_world):
         ),
     )
     return replace(open_world, name="moving", moving=moving)
+
+
+@pytest.fixture
+def open_dataset_file(open_world, tmp_path):
+    """The file of a data set whose only world is the open one."""
+    path = tmp_path / "world_0.npy"
+    np.save(path, open_world.grid)
+    return str(path)
 
 
 @pytest.fixture(params=["open_world", "moving_world"])

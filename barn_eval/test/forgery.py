@@ -10,7 +10,15 @@ from barn_eval.results.bags.bagfile import BagFile
 from barn_eval.results.bags.recorder import Recorder
 from barn_eval.results.rows import RowFile, write_tables
 from barn_eval.trials.result import from_json_line
+from barn_eval.verification.check import check_folder
 from barn_worlds.base.config import as_dict
+
+
+def require_problems(folder, *words):
+    """See that the check of a folder names a problem with each of these words."""
+    problems = check_folder(folder).problems
+    for part in words:
+        assert any(part in problem for problem in problems), problems
 
 
 def forge(folder, **changes):

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 from rosbags.highlevel import AnyReader
+from waiting import ROOT
 
 from barn_eval.results.bags.bagfile import BagFile
 from barn_eval.results.store import BagStore
@@ -29,7 +30,7 @@ from barn_worlds.messages.cdr import deserialize, find_slots
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
-EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "simple_planner.py"
+EXAMPLE = ROOT / "examples" / "simple_planner.py"
 FOREIGN = Path(__file__).with_name("foreign_planner.py")
 MARK = "BARN_TEST_MARK"
 # Ends by itself after two seconds of driving, half a second of the machine's time.

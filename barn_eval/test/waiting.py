@@ -8,6 +8,7 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
+ROOT = Path(__file__).resolve().parents[2]  # of the repository
 HANG_S = 600.0  # nothing here takes so long unless it hangs
 
 

@@ -87,7 +87,7 @@ class Comparison:
 
     trials_a: int
     trials_b: int
-    rows: tuple[PairedMeasure, ...]
+    rows: Sequence[PairedMeasure]
 
     rank_correlation: Interval
     """Spearman's correlation of the counted time per meter over worlds."""
@@ -98,7 +98,7 @@ class Comparison:
     pairs: int = 1
     """Number of pairs that are compared together."""
 
-    notes: tuple[str, ...] = ()
+    notes: Sequence[str] = ()
     """Cautions about the folders, such as that a run is not finished."""
 
     robot: str = ""
@@ -206,7 +206,7 @@ def compare(
         metric=measure.key,
         trials_a=len(a),
         trials_b=len(b),
-        rows=tuple(compared_rows),
+        rows=compared_rows,
         rank_correlation=correlation,
         available=count_available_worlds(a),
     )
@@ -221,26 +221,23 @@ def count_available_worlds(results: Rows) -> int:
         return 0
 
 
-def adjust_by_holm(comparisons: Sequence[Comparison]) -> tuple[Comparison, ...]:
+def adjust_by_holm(comparisons: Sequence[Comparison]) -> list[Comparison]:
     """Return copies of comparisons with `p_holm` and `pairs` set for all of them.
 
     Holm's correction is per measure, over all pairs. All comparisons must have the same
     measures.
     """
-    p_values_by_measure = []
+    adjusted = []
     # Each measure is a separate question, so there is no correction over measures.
     for rows in zip(*(comparison.rows for comparison in comparisons), strict=True):
-        p_values_by_measure.append(holm([row.paired.p for row in rows]))
+        p_values = holm([row.paired.p for row in rows])
+        pairs = zip(rows, p_values, strict=True)
+        adjusted.append([replace(row, p_holm=p) for row, p in pairs])
 
-    adjusted = []
-    for pair, comparison in enumerate(comparisons):
-        adjusted_rows = []
-        for row, p_values in zip(comparison.rows, p_values_by_measure, strict=True):
-            adjusted_rows.append(replace(row, p_holm=p_values[pair]))
-        adjusted.append(
-            replace(comparison, rows=tuple(adjusted_rows), pairs=len(comparisons))
-        )
-    return tuple(adjusted)
+    return [
+        replace(comparison, rows=rows, pairs=len(comparisons))
+        for comparison, *rows in zip(comparisons, *adjusted, strict=True)
+    ]
 
 
 def compare_folders(
@@ -286,22 +283,29 @@ def compare_folders(
         if planner_a == planner_b:
             label_a = f"{spelling(planner_a)} ({place_a})"
             label_b = f"{spelling(planner_b)} ({place_b})"
-        rows_a = groups_a[planner_a]
-        rows_b = groups_b[planner_b]
-        entries[label_a] = Entry(label_a, "", source_a, planner_a, rows_a)
-        entries[label_b] = Entry(label_b, "", source_b, planner_b, rows_b)
-        comparison = compare(rows_a, rows_b, label_a, label_b, keys)
-        parameters = describe_parameter_changes(
-            source_a, planner_a, source_b, planner_b
-        )
-        comparisons.append(replace(comparison, parameters=parameters))
+        entry_a = Entry(label_a, "", source_a, planner_a, groups_a[planner_a])
+        entry_b = Entry(label_b, "", source_b, planner_b, groups_b[planner_b])
+        entries |= {label_a: entry_a, label_b: entry_b}
+        comparisons.append(compare_entries(entry_a, entry_b, keys))
         progress(done / len(pairs))
 
-    notes = tuple(list_notes(list(entries.values())))
+    notes = list_notes(list(entries.values()))
     return [
         replace(comparison, notes=notes, robot=source_a.robot)
         for comparison in adjust_by_holm(comparisons)
     ]
+
+
+def compare_entries(a: Entry, b: Entry, keys: Sequence[str]) -> Comparison:
+    """Compare two entries' results and parameters, before Holm; errors as in `compare`.
+
+    Args:
+        a: Trials of A, with the label that tables show.
+        b: Trials of B.
+        keys: Keys of measures.
+    """
+    comparison = compare(a.results, b.results, a.label, b.label, keys)
+    return replace(comparison, parameters=describe_parameter_changes(a, b))
 
 
 def _pair_planners(
@@ -385,20 +389,17 @@ def trial_values(results: Rows, measure: Measure) -> TrialValues:
     """
     worlds = column(results, "world").astype(np.int64)
     repetitions = column(results, "repetition").astype(np.int64)
-    values = measure.values(results)
-    if measure.as_failure is None:
-        return TrialValues(values, worlds, repetitions)
-
-    failure_values = measure.as_failure(results)
-    if np.isnan(values).any():
+    trials = TrialValues(measure.values(results), worlds, repetitions)
+    failure_values = measure.failure_values(results)
+    if failure_values is None:
+        return trials
+    if np.isnan(trials.values).any():
         # With values missing, the mean would be mostly that of failures.
-        values = np.full(len(values), np.nan)
-    if not np.isfinite(np.append(failure_values, values)).all():
-        return TrialValues(values, worlds, repetitions)
-    return TrialValues(
-        values,
-        worlds,
-        repetitions,
+        return replace(trials, values=np.full(len(worlds), np.nan))
+    if not np.isfinite([trials.values, failure_values]).all():
+        return trials
+    return replace(
+        trials,
         failures=(column(results, "scores.success") == 0).astype(np.int64),
         as_failure=failure_values,
         best=measure.best,
@@ -456,9 +457,7 @@ def trial_places(results: Rows) -> dict[tuple[int, int], int]:
     return {(world, number): place for place, (world, number) in enumerate(keys)}
 
 
-def describe_parameter_changes(
-    a: Source, planner_a: str, b: Source, planner_b: str
-) -> str:
+def describe_parameter_changes(a: Entry, b: Entry) -> str:
     """Return a sentence that names up to five differing parameters or files, or "".
 
     Registered planners are compared by presets and overrides, others by the parameters
@@ -467,13 +466,11 @@ def describe_parameter_changes(
     nothing else differs. Further differences are counted.
 
     Args:
-        a: Folder of the first planner.
-        planner_a: Its name there.
-        b: Folder of the second planner.
-        planner_b: Its name there.
+        a: The first planner and its folder.
+        b: The second planner.
     """
-    values_a = _read_parameters(a, planner_a)
-    values_b = _read_parameters(b, planner_b)
+    values_a = _read_parameters(a.source, a.planner)
+    values_b = _read_parameters(b.source, b.planner)
     # A key begins with the name of the planner or node that it belongs to.
     owners_a = {key.partition(" ")[0] for key in values_a}
     owners_b = {key.partition(" ")[0] for key in values_b}

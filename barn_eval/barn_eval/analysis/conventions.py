@@ -114,9 +114,9 @@ def convention_table(places: Sequence[Place], name: str) -> TextTable:
         for value in astuple(place)[1:]:
             text = f"{value:.2f}" if isinstance(value, float) else str(value)
             cells.append("-" if value is None else text)
-        rows.append(tuple(cells))
+        rows.append(cells)
     title = f"by the convention {name}; late: - if rows do not say when they began"
-    return TextTable("convention", title, _COLUMNS, tuple(rows), texts=2)
+    return TextTable("convention", title, _COLUMNS, rows, texts=2)
 
 
 def _by_course(rows: Rows) -> _Courses:

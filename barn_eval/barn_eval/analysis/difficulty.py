@@ -20,10 +20,10 @@ _MIN_WORLDS_PER_BAND = 3
 class WorldOrder:
     """Worlds from easy to difficult."""
 
-    worlds: tuple[int, ...]
+    worlds: Sequence[int]
     """Numbers of the worlds."""
 
-    mean_s_per_m: tuple[float, ...]
+    mean_s_per_m: Sequence[float]
     """Counted time per meter, averaged over all trials of a world.
 
     Each entry has the same weight. This is the paper's measure (Sec. IV-B).
@@ -38,12 +38,12 @@ class Band:
     """Neighboring worlds of an order, and what each entry did in them."""
 
     name: str
-    worlds: tuple[int, ...]
+    worlds: Sequence[int]
 
     limits_s_per_m: tuple[float, float]
     """Counted time per meter of the easiest and the hardest of its worlds."""
 
-    summaries: tuple[Summary, ...]
+    summaries: Sequence[Summary]
     """In the order of entries."""
 
 
@@ -80,8 +80,8 @@ def order_worlds(entries: Sequence[Entry]) -> WorldOrder:
     order.sort()
 
     return WorldOrder(
-        worlds=tuple(world for _, world in order),
-        mean_s_per_m=tuple(mean for mean, _ in order),
+        worlds=[world for _, world in order],
+        mean_s_per_m=[mean for mean, _ in order],
         left_out=len(all_worlds) - len(shared_worlds),
     )
 
@@ -106,7 +106,7 @@ def make_bands(entries: Sequence[Entry], order: WorldOrder) -> list[Band]:
     positions = np.array_split(np.arange(len(order.worlds)), count)
     bands = []
     for name, part in zip(names, positions, strict=True):
-        worlds = tuple(order.worlds[position] for position in part)
+        worlds = [order.worlds[position] for position in part]
         summaries = []
         for entry in entries:
             results = rows_in_worlds(entry.results, worlds)
@@ -119,7 +119,7 @@ def make_bands(entries: Sequence[Entry], order: WorldOrder) -> list[Band]:
                     order.mean_s_per_m[part[0]],
                     order.mean_s_per_m[part[-1]],
                 ),
-                summaries=tuple(summaries),
+                summaries=summaries,
             )
         )
     return bands

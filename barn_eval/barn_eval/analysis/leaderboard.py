@@ -54,7 +54,7 @@ class Place:
     tied: bool
     """Whether another place has the same rank."""
 
-    better_than: tuple[str, ...]
+    better_than: Sequence[str]
     """Labels of the planners below that it is significantly better than."""
 
     entry: Entry
@@ -73,12 +73,12 @@ class Board:
 
     title: str
     measure: Measure
-    places: tuple[Place, ...]
+    places: Sequence[Place]
 
     ranking: Ranking
     """The tests of all pairs."""
 
-    notes: tuple[str, ...]
+    notes: Sequence[str]
     """Cautions for readers."""
 
 
@@ -155,10 +155,10 @@ def make_boards(
             board = make_board(label_entries(group.common_entries()), measure)
             if worlds != "all":
                 text = f"Only trials in the selected worlds are ranked: {worlds}."
-                board = replace(board, notes=(text, *board.notes))
+                board = replace(board, notes=[text, *board.notes])
             boards.append(board)
     return [
-        replace(board, notes=(*board.notes, *_name_other_boards(board, boards)))
+        replace(board, notes=[*board.notes, *_name_other_boards(board, boards)])
         for board in boards
     ]
 
@@ -237,7 +237,7 @@ def make_board(entries: Sequence[Entry], measure: Measure) -> Board:
             Place(
                 rank=ranks[position],
                 tied=ranks.count(ranks[position]) > 1,
-                better_than=tuple(better_than),
+                better_than=better_than,
                 entry=entry,
                 summary=summarize(entry.results, (*SCORED, "contact_s")),
                 # It shows readers whether two boards rank the same settings.
@@ -246,7 +246,7 @@ def make_board(entries: Sequence[Entry], measure: Measure) -> Board:
             )
         )
 
-    notes = list(list_cautions(ranking.worlds, entries))
+    notes = list_cautions(ranking.worlds, entries)
     larger = []
     for entry in entries:
         planners = column(entry.source.results, "planner")
@@ -259,7 +259,7 @@ def make_board(entries: Sequence[Entry], measure: Measure) -> Board:
             f"Ranked by the {worlds} that all planners have;"
             f" {join_names(larger)} have more.",
         )
-    return Board(_title(entries), measure, tuple(places), ranking, tuple(notes))
+    return Board(_title(entries), measure, places, ranking, notes)
 
 
 def configuration_hash(source: Source, planner: str) -> str:
@@ -398,7 +398,7 @@ def sweep_table(board: Board) -> TextTable:
         " tested, adjusted by Holm. Level: not clearly worse than the best."
     )
     texts = 2 + len(parameters)
-    return TextTable("sweep", board.title, columns, tuple(rows), texts, caption)
+    return TextTable("sweep", board.title, columns, rows, texts, caption)
 
 
 def _order_settings(board: Board) -> list[tuple[int, Place]]:

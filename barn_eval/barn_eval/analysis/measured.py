@@ -81,7 +81,7 @@ def pair_by_world(measured: Sequence[Entry], simulated: Sequence[Entry]) -> Text
             f" in {measured[0].source.path}"
         )
     title = "Measured and simulated, by world"
-    return TextTable("simulated", title, _COLUMNS, tuple(rows), texts=2)
+    return TextTable("simulated", title, _COLUMNS, rows, texts=2)
 
 
 def _group(entries: Iterable[Entry]) -> _Groups:

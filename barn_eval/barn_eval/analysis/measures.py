@@ -6,7 +6,7 @@ by the catalog.
 
 import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -28,32 +28,10 @@ def _numbers(rows: Rows, path: str) -> Floats:
     return column(rows, path).astype(np.float64)  # type: ignore[no-any-return]
 
 
-def _failure_s(rows: Rows) -> Floats:
-    """Return per row the time that a failure would count [s] (n,)."""
-    return _numbers(rows, "scores.failure_time_s")
-
-
-def _failure_s_per_m(rows: Rows) -> Floats:
-    """Return per row the time per meter that a failure would count [s/m], else NaN (n,)."""
-    lengths_m = _numbers(rows, "scores.path_length_m")
-    lengths_m = np.where(lengths_m == 0.0, math.nan, lengths_m)
-    return _failure_s(rows) / lengths_m
-
-
-def _zeros(rows: Rows) -> Floats:
-    """Return 0 per row (n,)."""
-    return np.zeros(len(rows))
-
-
-# A failure scores zero, or counts the time that the protocol sets.
-_FAILURE_VALUES: dict[str, Callable[[Rows], Floats]] = {
-    "success": _zeros,
-    "scored_time_s": _failure_s,
-    "normalised_time_s_per_m": _failure_s_per_m,
-    "challenge": _zeros,
-    "challenge_2022": _zeros,
-    "efficiency": _zeros,
-}
+# A failure scores zero by some measures, and counts the time that the protocol sets by
+# others.
+_ZERO_AT_FAILURE = ("success", "challenge", "challenge_2022", "efficiency")
+_TIMES = ("scored_time_s", "normalised_time_s_per_m")
 
 
 @dataclass(frozen=True)
@@ -86,10 +64,20 @@ class Measure:
         """Return each trial's figure (n,), also of failed trials; NaN if it has none."""
         return _numbers(results, self.path)
 
-    @property
-    def as_failure(self) -> Callable[[Rows], Floats] | None:
-        """Function from results to their values as failures (n,); None without one."""
-        return _FAILURE_VALUES.get(self.key)
+    def failure_values(self, results: Rows) -> Floats | None:
+        """Return each trial's value if it were a failure (n,); None if that has none.
+
+        The value is NaN for a time per meter without a path length.
+        """
+        if self.key in _ZERO_AT_FAILURE:
+            return np.zeros(len(results))
+        if self.key not in _TIMES:
+            return None
+        times_s = _numbers(results, "scores.failure_time_s")
+        if self.key == "scored_time_s":
+            return times_s
+        lengths_m = _numbers(results, "scores.path_length_m")
+        return times_s / np.where(lengths_m == 0.0, math.nan, lengths_m)
 
     @property
     def title(self) -> str:

@@ -106,7 +106,7 @@ def notes_on(source: Source, results: Rows) -> list[str]:
     notes.append(assumption_text(source.path, results))
     if (source.path / SUBMISSION_FILE).exists():
         notes.append(f"{source.path} only claims {', '.join(CLAIMED)}.")
-    return [note for note in notes if note]
+    return list(filter(None, notes))
 
 
 def _describe_observations(path: Path, results: Rows) -> Iterator[str]:

@@ -12,8 +12,7 @@ from typing import Any
 from barn_eval.analysis.compare import (
     Comparison,
     adjust_by_holm,
-    compare,
-    describe_parameter_changes,
+    compare_entries,
 )
 from barn_eval.analysis.difficulty import Band, WorldOrder, make_bands, rows_in_worlds
 from barn_eval.analysis.entries import Entry
@@ -73,12 +72,12 @@ class Refusal:
 class Overview:
     """The figures of a report."""
 
-    summaries: tuple[Summary, ...]
+    summaries: Sequence[Summary]
     """In the order of entries."""
 
-    bands: tuple[Band, ...]
-    comparisons: tuple[Comparison, ...]
-    refusals: tuple[Refusal, ...]
+    bands: Sequence[Band]
+    comparisons: Sequence[Comparison]
+    refusals: Sequence[Refusal]
 
     conclusion: Conclusion | None
     """By the ranking measure; None if `refusals` says why there is none."""
@@ -135,10 +134,10 @@ def analyze(
     if conclusion:
         where = conclude_bands(entries, bands)
     return Overview(
-        summaries=tuple(figures[len(pairs) :]),
-        bands=tuple(bands),
+        summaries=figures[len(pairs) :],
+        bands=bands,
         comparisons=comparisons,
-        refusals=tuple(refusals),
+        refusals=refusals,
         conclusion=conclusion,
         where=where,
         why=explain_differences(comparisons),
@@ -268,13 +267,9 @@ def make_tables(
 def _compare_entries(a: Entry, b: Entry, keys: Sequence[str]) -> Comparison | Refusal:
     """Return two entries' comparison and parameters, before Holm, or why there is none."""
     try:
-        comparison = compare(a.results, b.results, a.label, b.label, keys)
-        parameters = describe_parameter_changes(
-            a.source, a.planner, b.source, b.planner
-        )
+        return compare_entries(a, b, keys)
     except BarnError as error:
         return Refusal(a.label, b.label, str(error))
-    return replace(comparison, parameters=parameters)
 
 
 @dataclass(frozen=True)

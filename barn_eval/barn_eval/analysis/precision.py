@@ -1,5 +1,6 @@
 """Estimate from results how many worlds and repetitions a precision needs."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,9 +91,9 @@ class Precision:
     measure: str
     """Key of the measure."""
 
-    figures: tuple[Figure, ...]
-    needs: tuple[Need, ...]
-    notes: tuple[str, ...]
+    figures: Sequence[Figure]
+    needs: Sequence[Need]
+    notes: Sequence[str]
 
     available: int = 0
     """Number of worlds in the data set, 0 if unknown."""
@@ -121,7 +122,8 @@ def estimate_precision(
         BarnError: If the estimate cannot be made.
     """
     _require_pair_for(size, results)
-    measure = ranking_measure(next(iter(results.values())))
+    first_rows = next(iter(results.values()))
+    measure = ranking_measure(first_rows)
     if measure_key:
         measure = MEASURES[require_measures([measure_key])[0]]
     # See `_ONE_TRIAL_NOTE`.
@@ -155,8 +157,8 @@ def estimate_precision(
             worlds = worlds_for_difference(pair.parts, wanted_difference, count)
             needs.append(Need(pair.of, "difference", wanted_difference, count, worlds))
 
-    available = count_available_worlds(next(iter(results.values())))
-    notes = list(list_cautions(max(figure.worlds for figure in figures)))
+    available = count_available_worlds(first_rows)
+    notes = list_cautions(max(figure.worlds for figure in figures))
     if has_one_trial_per_world:
         notes.append(_ONE_TRIAL_NOTE)
     if len(results) > 2:
@@ -168,7 +170,7 @@ def estimate_precision(
         notes.append(
             f"The data set has only {available} worlds; barn worlds generate makes more."
         )
-    return Precision(measure.key, tuple(figures), tuple(needs), tuple(notes), available)
+    return Precision(measure.key, figures, needs, notes, available)
 
 
 def figures_table(precision: Precision) -> TextTable:
@@ -197,9 +199,7 @@ def figures_table(precision: Precision) -> TextTable:
         "trials in worlds",
     )
     caption = " ".join(precision.notes)
-    return TextTable(
-        "variance", "Precision so far", columns, tuple(rows), caption=caption
-    )
+    return TextTable("variance", "Precision so far", columns, rows, caption=caption)
 
 
 def needs_table(precision: Precision) -> TextTable:
@@ -223,7 +223,7 @@ def needs_table(precision: Precision) -> TextTable:
         texts = [by_count[count] for by_count in cells.values()]
         rows.append((count_noun(count, "trial"), *texts))
     title = f"Worlds needed, {measure.heading}"
-    return TextTable("needs", title, ("per world", *cells), tuple(rows))
+    return TextTable("needs", title, ("per world", *cells), rows)
 
 
 def _require_pair_for(wanted_difference: float | None, results: RowsByPlanner) -> None:

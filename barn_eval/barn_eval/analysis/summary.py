@@ -108,8 +108,8 @@ class Summary:
 class RunSummary:
     """Each planner of a run, and each pair on the worlds and seeds that both met."""
 
-    planners: tuple[Summary, ...]
-    comparisons: tuple[Comparison, ...]
+    planners: Sequence[Summary]
+    comparisons: Sequence[Comparison]
 
     measure: Measure
     """Measure that ranks planners."""
@@ -175,7 +175,7 @@ def summarize_run(results: Rows) -> RunSummary:
     """
     groups = group_by_planner(results)
     keys = with_moving_measures(SCORED + DRIVEN, *groups.values())
-    summaries = tuple(summarize(rows, keys) for rows in groups.values())
+    summaries = [summarize(rows, keys) for rows in groups.values()]
 
     pairs = combinations(groups, 2)
     comparisons = adjust_by_holm([compare(groups[a], groups[b]) for a, b in pairs])
@@ -242,11 +242,11 @@ def make_bars(entries: Sequence[Entry]) -> Bars:
 def common_trials(groups: Sequence[Rows]) -> list[Rows]:
     """Return planners' results in trials that all have; all results if there are none."""
     # Otherwise a planner with only easy worlds so far would seem to lead.
-    keys = [trial_places(rows).keys() for rows in groups]
-    shared = set.intersection(*map(set, keys)) or set().union(*keys)
+    group_places = list(map(trial_places, groups))
+    shared = set.intersection(*map(set, group_places)) or set().union(*group_places)
     common = []
-    for rows in groups:
-        places = [place for key, place in trial_places(rows).items() if key in shared]
+    for rows, trials in zip(groups, group_places, strict=True):
+        places = [place for key, place in trials.items() if key in shared]
         common.append(take(rows, np.array(places, np.int64)))
     return common
 

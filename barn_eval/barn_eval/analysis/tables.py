@@ -42,8 +42,8 @@ def trials_table(results: Rows, title: str) -> TextTable:
         measure = MEASURES[key]
         headings.append(measure.trial_heading)
         cells.append(list(map(measure.number, measure.raw_values(results).tolist())))
-    rows = tuple(zip(*cells, strict=True))
-    return TextTable("trials", title, tuple(headings), rows, texts=2)
+    rows = list(zip(*cells, strict=True))
+    return TextTable("trials", title, headings, rows, texts=2)
 
 
 def ranked_table(run: RunSummary) -> TextTable:
@@ -75,7 +75,7 @@ def ranked_table(run: RunSummary) -> TextTable:
                 cells.append(interval.text(digits))
             else:
                 cells.append(number(interval.estimate, digits))
-        rows.append(tuple(cells))
+        rows.append(cells)
 
     headings = ("rank", "planner", "success [%]", "time [s]", run.measure.heading)
     notes = []
@@ -94,7 +94,7 @@ def ranked_table(run: RunSummary) -> TextTable:
         "ranked",
         title,
         (*headings, "clearance [m]"),
-        tuple(rows),
+        rows,
         texts=2,
         caption=". ".join(notes),
     )
@@ -156,7 +156,7 @@ def headline_table(
     headings = [shown.heading for shown in measures]
     columns = ("planner", "trials in worlds", *headings, SPREAD)
     title = "Success, time and scores with 95% intervals"
-    return TextTable("headline", title, columns, tuple(rows))
+    return TextTable("headline", title, columns, rows)
 
 
 def measures_table(summaries: Sequence[Summary], keys: Sequence[str]) -> TextTable:
@@ -173,7 +173,7 @@ def measures_table(summaries: Sequence[Summary], keys: Sequence[str]) -> TextTab
         rows.append((measure.heading, *cells))
     labels = [summary.label for summary in summaries]
     title = "Measures: mean and 95% interval"
-    return TextTable("measures", title, ("measure", *labels), tuple(rows))
+    return TextTable("measures", title, ("measure", *labels), rows)
 
 
 def summary_table(summaries: Sequence[Summary]) -> TextTable:
@@ -194,7 +194,7 @@ def summary_table(summaries: Sequence[Summary]) -> TextTable:
         f"{trials} in {count_noun(worlds, 'world')}",
         ("mean and 95% interval", *measures.columns[1:]),
         rows,
-        caption=". ".join(note for note in notes if note),
+        caption=". ".join(filter(None, notes)),
     )
 
 
@@ -213,7 +213,7 @@ def outcomes_table(summaries: Sequence[Summary]) -> TextTable:
         counts = [str(summary.outcomes.get(name, 0)) for name in outcomes]
         rows.append((summary.label, *counts))
     columns = ("planner", *outcomes)
-    return TextTable("outcomes", "Trials by outcome", columns, tuple(rows))
+    return TextTable("outcomes", "Trials by outcome", columns, rows)
 
 
 def bands_table(bands: Sequence[Band]) -> TextTable:
@@ -235,7 +235,7 @@ def bands_table(bands: Sequence[Band]) -> TextTable:
     headings = [measure.heading for measure in measures]
     columns = ("band", "planner", "trials", *headings)
     title = "Success and time by difficulty band, 95% intervals"
-    return TextTable("bands", title, columns, tuple(rows), texts=2)
+    return TextTable("bands", title, columns, rows, texts=2)
 
 
 def comparison_table(comparison: Comparison, name: str = "comparison") -> TextTable:
@@ -289,8 +289,8 @@ def comparison_table(comparison: Comparison, name: str = "comparison") -> TextTa
         name,
         f"{a} against {b}, {comparison.protocol} protocol, same worlds and seeds",
         columns,
-        tuple(rows),
-        caption=" ".join(note for note in notes if note),
+        rows,
+        caption=" ".join(filter(None, notes)),
     )
 
 

@@ -29,8 +29,8 @@ class TextTable:
     """Name of the table's files, without an ending."""
 
     title: str
-    columns: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
+    columns: Sequence[str]
+    rows: Sequence[Sequence[str]]
 
     texts: int = 1
     """Number of columns on the left with words; the others have figures."""

@@ -47,9 +47,9 @@ PairTests = Mapping[tuple[str, str], Difference]
 class Ranking:
     """Planners from best to worst, on the trials that all of them have."""
 
-    names: tuple[str, ...]
+    names: Sequence[str]
 
-    means: tuple[float, ...]
+    means: Sequence[float]
     """Mean of each planner."""
 
     worlds: int
@@ -64,7 +64,7 @@ class Ranking:
     pair_count: int
     """Number of pairs that are tested together."""
 
-    failures: tuple[Interval | None, ...]
+    failures: Sequence[Interval | None]
     """Share of failures of each planner, None if failures have no value."""
 
     available: int = 0
@@ -183,14 +183,14 @@ def rank(
     p_values = holm([differences[pair].p for pair in pairs])
     worlds = trials[names[0]].worlds
     return Ranking(
-        names=tuple(names),
-        means=tuple(means[name] for name in names),
+        names=names,
+        means=[means[name] for name in names],
         worlds=len(set(worlds.tolist())),
         trials=len(worlds),
         differences=differences,
         p=dict(zip(pairs, p_values, strict=True)),
         pair_count=len(pairs),
-        failures=tuple(trials[name].failure_share() for name in names),
+        failures=[trials[name].failure_share() for name in names],
     )
 
 
@@ -335,20 +335,20 @@ def conclude_comparison(comparison: Comparison) -> Conclusion:
         test = test.negate()
 
     ranking = Ranking(
-        names=tuple(names),
-        means=tuple(means),
+        names=names,
+        means=means,
         worlds=paired.worlds,
         trials=paired.trials,
         differences={(0, 1): test},
         p={(0, 1): row.p_holm},
         pair_count=comparison.pairs,
-        failures=tuple(failures),
+        failures=failures,
         available=comparison.available,
     )
     return conclude_ranking(ranking, MEASURES[comparison.metric])
 
 
-def list_cautions(worlds: int, entries: Sequence[Entry] = ()) -> tuple[str, ...]:
+def list_cautions(worlds: int, entries: Sequence[Entry] = ()) -> list[str]:
     """Return warning sentences: few worlds, mixtures, unfinished runs, late commands.
 
     Args:
@@ -356,7 +356,7 @@ def list_cautions(worlds: int, entries: Sequence[Entry] = ()) -> tuple[str, ...]
         entries: Planners that are compared.
     """
     notes = [warn_of_few_worlds(worlds), *list_notes(entries)]
-    return tuple(note for note in notes if note)
+    return list(filter(None, notes))
 
 
 def warn_of_few_worlds(worlds: int) -> str:

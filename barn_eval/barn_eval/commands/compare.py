@@ -1,6 +1,7 @@
 """`barn compare` planners on the same trials, and `barn precision`: worlds needed."""
 
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -125,43 +126,33 @@ _ABOVE_ZERO = click.FloatRange(0.0, min_open=True)
 @folder_argument
 @click.option(
     "--half-width",
+    "width",
     type=_ABOVE_ZERO,
     help="Target half-width of the 95% interval of a mean [default: 5% of the mean].",
 )
 @click.option(
     "--difference",
+    "size",
     type=_ABOVE_ZERO,
     help="Difference between two planners to detect in 8 of 10 runs [default: 5% of the first planner's mean].",
 )
 @click.option(
     "--measure",
+    "measure_key",
     default="",
     show_default=False,
     help="Measure, a column of the results [default: the ranking measure of the protocol].",
 )
 @count_option("--repetitions", help="Trials per world [default: 1, 2, 3, 5 and 10].")
 @json_option
-def precision(
-    folder: Path,
-    half_width: float | None,
-    difference: float | None,
-    measure: str,
-    repetitions: int | None,
-    as_json: bool,
-) -> None:
+def precision(folder: Path, as_json: bool, **options: Any) -> None:
     """Estimate from the results in FOLDER how many worlds you need to reach a precision.
 
     FOLDER:PLANNER or FOLDER:PLANNER,PLANNER selects one or two planners. Give values in
     the unit of the measure. For success, give a share, such as 0.05.
     """
     _, rows_by_planner = read_selection(folder)
-    estimate = estimate_precision(
-        rows_by_planner,
-        half_width,
-        difference,
-        measure_key=measure,
-        repetitions=repetitions,
-    )
+    estimate = estimate_precision(rows_by_planner, **options)
     # All planners of a run have the same protocol and task.
     row = next(iter(rows_by_planner.values()))[0]
     print_output(

@@ -195,11 +195,8 @@ def _min_width(column: Column) -> int:
 
 
 def _width(texts: Column) -> int:
-    """Return the length of the longest line of all texts, or 1 if there are none."""
-    lines: list[str] = []
-    for text in texts:
-        lines += text.split("\n")
-    return max(map(len, lines), default=1)
+    """Return the length of the longest line of all texts, 0 if there are none."""
+    return max(map(len, "\n".join(texts).split("\n")))
 
 
 def _total_width(widths: Sequence[int]) -> int:

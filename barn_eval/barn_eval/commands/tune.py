@@ -76,11 +76,10 @@ def command(
     if find_spec("optuna") is None:
         raise ConfigError("barn tune needs Optuna: make extras, or pip install optuna")
     # Optuna is an optional extra.
-    from barn_eval.studies.tune import Ranges, tune  # noqa: PLC0415
+    from barn_eval.studies.tune import Ranges, Tuner  # noqa: PLC0415
 
-    tuning = tune(
-        Ranges.read(ranges), options | run, unseen, split_names(by), settings, reporter
-    )
+    tuner = Tuner(Ranges.read(ranges), options | run, split_names(by), unseen, reporter)
+    tuning = tuner.tune(settings)
     if as_json:
         print_json(as_dict(tuning))
         return 0

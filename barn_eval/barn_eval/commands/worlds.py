@@ -51,14 +51,7 @@ def command() -> None:
     type=click.IntRange(0),
     help="Number of worlds to keep, spread evenly from wide to narrow worlds [default: all].",
 )
-def generate(
-    target: Path,
-    seed: int,
-    per_set: int,
-    parameters: dict[str, Any],
-    robot: str,
-    keep: int,
-) -> None:
+def generate(target: Path, **options: Any) -> None:
     """Generate a data set and write it to TARGET, an .npz file or a folder in the original layout.
 
     Without --set, the command uses the twelve parameter sets of the paper's Table I.
@@ -66,11 +59,7 @@ def generate(
     with progress_bar("worlds") as progress:
         generated = worlds.generate(
             target,
-            per_set=per_set,
-            seed=seed,
-            parameters=parameters,
-            robot=robot,
-            keep=keep,
+            **options,
             progress=lambda count, total: progress(count / total),
         )
     print_notes(f"{len(generated)} worlds in {target}")

@@ -25,12 +25,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.style import context
 
-from barn_eval.pages.template import themed
+from barn_eval.pages.template import themed, write_page
 from barn_eval.trials.result import Outcome
 from barn_metrics.bootstrap import Interval
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.base.files import write_durably
 from barn_worlds.drawing import palette
 from barn_worlds.drawing.files import figure_bytes
 from barn_worlds.drawing.palette import INK, WHITE
@@ -205,8 +204,8 @@ class ReportFigure(NamedTuple):
         background = f'<rect width="100%" height="100%" fill="{WHITE}"/>'
         text = re.sub(r"(<svg[^>]*>)", rf"\1\n {background}", self.svg, count=1)
         document = f'<?xml version="1.0" encoding="utf-8"?>\n{text}'
-        write_durably(folder / f"{self.name}.svg", document.encode())
-        write_durably(folder / f"{self.name}.pdf", self.pdf)
+        write_page(folder / f"{self.name}.svg", document)
+        write_page(folder / f"{self.name}.pdf", self.pdf)
 
 
 def finish_figure(figure: Figure, name: str, about: str) -> ReportFigure:
@@ -268,7 +267,7 @@ def write_figure(figure: Figure, path: Path) -> None:
         StoreError: The file cannot be written.
     """
     figure.patch.set_facecolor(WHITE)
-    write_durably(path, _figure_content(figure, path.suffix[1:]))
+    write_page(path, _figure_content(figure, path.suffix[1:]))
 
 
 @dataclass(frozen=True, eq=False)

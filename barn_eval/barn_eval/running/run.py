@@ -2,7 +2,13 @@
 
 import signal
 from collections.abc import Callable, Collection, Iterator, Sequence
-from contextlib import ExitStack, closing, contextmanager, nullcontext
+from contextlib import (
+    AbstractContextManager,
+    ExitStack,
+    closing,
+    contextmanager,
+    nullcontext,
+)
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -187,12 +193,16 @@ def make_pool(execution: ExecutionConfig, work: Work) -> WorkerPool:
     return LocalPool(work, execution.processes, execution.trial_limit_s)
 
 
-def make_shared_pool(execution: ExecutionConfig) -> WorkerPool:
-    """Return a new worker pool for several runs in mode direct without bags.
+def make_shared_pool(
+    *requests: RunRequest,
+) -> AbstractContextManager[WorkerPool | None]:
+    """Return a context with a worker pool for runs without bags; None unless all direct.
 
     Their planners are from the registry. See `open_run`.
     """
-    return make_pool(execution, DirectWork(BagStore(Path())))
+    if any(request.config.mode != "direct" for request in requests):
+        return nullcontext()
+    return closing(make_pool(requests[0].execution, DirectWork(BagStore(Path()))))
 
 
 def check_limits(trials: Sequence[TrialSpec]) -> str:

@@ -5,7 +5,7 @@ Each side is a build, a command or a setting of a planner.
 
 import shlex
 from collections.abc import Mapping
-from contextlib import ExitStack, closing
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -93,10 +93,7 @@ def ab(
         BarnError: If an option or a side is wrong, or a trial fails through no fault of
             its planner.
     """
-    sides = (
-        read_side(base, base, command, options),
-        read_side(head, base, command, options),
-    )
+    sides = [read_side(text, base, command, options) for text in (base, head)]
     configs = [side.config for side in sides]
     # No test can separate equal sides.
     fingerprints = {
@@ -112,9 +109,7 @@ def ab(
     worlds = order_worlds_fairly(spec.world_number for spec in sides[0].trials())
     looks = plan_looks(len(worlds))
     with ExitStack() as stack:
-        pool = None
-        if all(config.mode == "direct" for config in configs):
-            pool = stack.enter_context(closing(make_shared_pool(sides[0].execution)))
+        pool = stack.enter_context(make_shared_pool(*sides))
         for config in configs:
             require_ros(config, reporter)
         base_run, head_run = (

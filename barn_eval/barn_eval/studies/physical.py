@@ -14,6 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from barn_eval.analysis.conventions import CONVENTIONS
+from barn_eval.analysis.difficulty import TIME
 from barn_eval.analysis.planners import assign_colors, spelling
 from barn_eval.analysis.significance import t_quantile
 from barn_eval.analysis.sources import (
@@ -31,14 +32,14 @@ from barn_eval.pages.figures import (
     style,
     write_figure,
 )
-from barn_eval.pages.template import render
+from barn_eval.pages.template import render, write_page
 from barn_eval.trials.result import TrialResult
 from barn_metrics.bootstrap import LEVEL, Interval
 from barn_metrics.model import load_model
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError, WorldError
-from barn_worlds.base.files import make_json_safe, read_package_yaml, write_durably
+from barn_worlds.base.files import make_json_safe, read_package_yaml
 from barn_worlds.drawing.palette import INK
 from barn_worlds.worlds.world import World
 
@@ -83,11 +84,11 @@ class PhysicalFinding:
     """Measured over predicted difficulty, with the line through the worlds."""
 
     system: str
-    planners: tuple[str, ...]
+    planners: Sequence[str]
     trials: int
     failures: int
     # From easy to difficult by prediction.
-    worlds: tuple[WorldDifficulty, ...]
+    worlds: Sequence[WorldDifficulty]
     line: Line
     # Of simulated over measured difficulty; None without enough simulated worlds.
     simulated_line: Line | None
@@ -96,7 +97,7 @@ class PhysicalFinding:
     # Share of the scatter about the line due to the noise of trials; None without
     # repetitions.
     noise_share: float | None
-    notes: tuple[str, ...]
+    notes: Sequence[str]
     schema_version: int = SCHEMA_VERSION
 
 
@@ -203,15 +204,15 @@ def measure_difficulty(folders: Sequence[Path]) -> PhysicalFinding:
 
     return PhysicalFinding(
         system=observed[0].system.name,
-        planners=tuple(planners),
+        planners=planners,
         trials=len(rows),
         failures=sum(not row.scores.success for row in rows),
-        worlds=tuple(difficulties),
+        worlds=difficulties,
         line=line,
         simulated_line=simulated_line,
         half_widths=_foretell_half_widths(line, len(difficulties)),
         noise_share=_noise_share(line, difficulties),
-        notes=tuple(notes),
+        notes=notes,
     )
 
 
@@ -288,7 +289,7 @@ def _measure_world(
     means = {}
     variances = []
     for planner in planners:
-        times = _times_s_per_m(groups[planner])
+        times = TIME.values(groups[planner])
         means[planner] = float(times.mean())
         if len(times) > 1:
             variances.append(float(times.var(ddof=1)) / len(times))
@@ -300,7 +301,7 @@ def _measure_world(
     simulated_s_per_m = None
     if all(planner in simulated for planner in planners):
         simulated_s_per_m = float(
-            np.mean([_times_s_per_m(simulated[planner]).mean() for planner in planners])
+            np.mean([TIME.values(simulated[planner]).mean() for planner in planners])
         )
     return WorldDifficulty(
         world=number,
@@ -315,11 +316,6 @@ def _measure_world(
     )
 
 
-def _times_s_per_m(rows: Iterable[TrialResult]) -> Floats:
-    """Return the scored times per meter of path [s/m] (n,), including failures."""
-    return np.array([row.scores.normalised_time_s_per_m for row in rows], dtype=float)
-
-
 def write_finding(finding: PhysicalFinding, folder: Path) -> Path:
     """Write physical.md, physical.json and figures/physical.png; return the page's path.
 
@@ -330,16 +326,14 @@ def write_finding(finding: PhysicalFinding, folder: Path) -> Path:
     Raises:
         StoreError: If a file cannot be written.
     """
-    (folder / "figures").mkdir(parents=True, exist_ok=True)
     with style():
         figure = draw_finding(finding)
     write_figure(figure, folder / "figures" / "physical.png")
     content = json.dumps(make_json_safe(as_dict(finding)), indent=1, allow_nan=False)
-    write_durably(folder / "physical.json", f"{content}\n".encode())
+    write_page(folder / "physical.json", f"{content}\n")
     path = folder / "physical.md"
     paper = read_package_yaml("barn_eval", "paper.yaml")["physical"]
-    page = render("physical.md", finding=finding, paper=paper)
-    write_durably(path, page.encode())
+    write_page(path, render("physical.md", finding=finding, paper=paper))
     return path
 
 

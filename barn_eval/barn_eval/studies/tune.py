@@ -3,7 +3,7 @@
 import json
 import warnings
 from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager, closing, nullcontext
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil
@@ -140,54 +140,6 @@ class Tuning:
     tuned: Sequence[Tuned]
 
 
-def tune(
-    ranges: Ranges,
-    options: Mapping[str, Any],
-    unseen: str | None,
-    by: Sequence[str],
-    settings: int,
-    reporter: Reporter,
-) -> Tuning:
-    """Drive or resume Optuna's settings, then judge the best in other worlds.
-
-    All results are kept in the folder `options["out"]`, so the same call resumes there.
-
-    Args:
-        ranges: Allowed values of parameters.
-        options: Options of the run, as `read_request` takes them.
-        unseen: Worlds to judge in. Default: up to a hundred of the other worlds.
-        by: Measures to select by. Default: the protocol's ranking measure. With
-            several, the settings of their Pareto front are judged.
-        settings: Number of settings, including the default.
-        reporter: Receives a line about each setting.
-
-    Returns:
-        The settings worth keeping, and the counts of settings and worlds.
-
-    Raises:
-        BarnError: If an option is wrong, or the folder holds a different tuning run.
-    """
-    tuner = Tuner(ranges, options, by, unseen, reporter)
-    # Before workers start, because the folder may hold another tuning.
-    study = tuner.study
-    pool_context: AbstractContextManager[WorkerPool | None] = nullcontext()
-    if tuner.base.config.mode == "direct":
-        pool_context = closing(make_shared_pool(tuner.base.execution))
-    with pool_context as tuner.pool:
-        tuner.try_settings(settings)
-        tuned = tuner.judge()
-    trials = study.trials
-    return Tuning(
-        settings=len(trials),
-        given_up=sum(_GIVEN_UP in trial.user_attrs for trial in trials),
-        default=tuner.default,
-        default_seen=tuner.means(trials[0]),
-        worlds=len(tuner.worlds),
-        unseen=len(tuner.unseen),
-        tuned=tuned,
-    )
-
-
 class Tuner:
     """Makes, drives and judges settings; results stay in the study and run folders."""
 
@@ -199,7 +151,16 @@ class Tuner:
         unseen: str | None,
         reporter: Reporter,
     ):
-        """Check ranges, measures and worlds for `tune`; ConfigError if one is wrong."""
+        """Check ranges, measures and worlds for `tune`; BarnError if an option is wrong.
+
+        Args:
+            ranges: Allowed values of parameters.
+            options: Options of the run, as `read_request` takes them.
+            by: Measures to select by. Default: the protocol's ranking measure. With
+                several, the settings of their Pareto front are judged.
+            unseen: Worlds to judge in. Default: up to a hundred of the other worlds.
+            reporter: Receives a line about each setting.
+        """
         self.ranges = ranges.parameters
         self.reporter = reporter
         # In mode direct, all runs share these workers.
@@ -304,6 +265,37 @@ class Tuner:
             study.set_user_attr("asked", content)
             study.enqueue_trial(self.default)
         return study
+
+    def tune(self, settings: int) -> Tuning:
+        """Drive or resume Optuna's settings, then judge the best in other worlds.
+
+        All results are kept in the folder `options["out"]`, so the same call resumes
+        there.
+
+        Args:
+            settings: Number of settings, including the default.
+
+        Returns:
+            The settings worth keeping, and the counts of settings and worlds.
+
+        Raises:
+            BarnError: If the folder holds a different tuning run.
+        """
+        # Before workers start, because the folder may hold another run.
+        study = self.study
+        with make_shared_pool(self.base) as self.pool:
+            self.try_settings(settings)
+            tuned = self.judge()
+        trials = study.trials
+        return Tuning(
+            settings=len(trials),
+            given_up=sum(_GIVEN_UP in trial.user_attrs for trial in trials),
+            default=self.default,
+            default_seen=self.means(trials[0]),
+            worlds=len(self.worlds),
+            unseen=len(self.unseen),
+            tuned=tuned,
+        )
 
     def try_settings(self, settings: int) -> None:
         """Drive settings until the study has `settings` finished ones; report each.

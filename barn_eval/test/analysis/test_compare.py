@@ -9,6 +9,7 @@ import pytest
 import yaml
 from refusals import refused
 from results.test_rows import result as a_result
+from text_tables import rows_of
 
 from barn_eval.analysis.compare import (
     adjust_by_holm,
@@ -427,7 +428,7 @@ def test_an_unfinished_folder_is_told(folders):
         folders / "begun", results("eband", 1.0, worlds=4), worlds="0-5"
     )
     (comparison,) = compare_folders(folders / "a", unfinished)
-    assert comparison.notes == (f"{unfinished} is partial: 12 of 18 trials",)
+    assert comparison.notes == [f"{unfinished} is partial: 12 of 18 trials"]
     assert comparison.notes[0] in comparison_table(comparison).caption
 
 
@@ -535,14 +536,14 @@ def test_what_cannot_be_told_apart_is_not_shown_to_be_no_worse(folders, command)
     assert content["decisions"][0]["high"] is None
 
 
-@pytest.mark.parametrize(
-    "text, words",
-    [
-        ("sucess:1", "unknown measure 'sucess'; did you mean 'success'"),
-        ("success", "must be MEASURE:MARGIN"),
-        ("success:-1", "must be MEASURE:MARGIN"),
-        ("success:x%", "must be MEASURE:MARGIN"),
-    ],
-)
+MARGINS = """
+sucess:1   | unknown measure 'sucess'; did you mean 'success'
+success    | must be MEASURE:MARGIN
+success:-1 | must be MEASURE:MARGIN
+success:x% | must be MEASURE:MARGIN
+"""
+
+
+@pytest.mark.parametrize("text, words", rows_of(MARGINS))
 def test_margins_that_say_nothing_are_told(folders, rejected, text, words):
     assert words in rejected(f"compare {folders}/a {folders}/b --fail-if-worse {text}")

@@ -45,14 +45,14 @@ def write_rows(run, tmp_path):
 
 def test_a_clear_difference_ranks_and_equal_results_tie(write_rows):
     clear = write_rows("clear", worlds=60, faster=10.0, bags=1)
-    (board,) = make_boards([clear])
+    board = board_of(clear)
     gap, dwa = board.places
     assert (gap.rank, gap.tied, gap.entry.planner) == (1, False, "gap")
     assert (dwa.rank, dwa.tied, dwa.entry.planner) == (2, False, "dwa")
-    assert gap.better_than == ("DWA",)
+    assert gap.better_than == ["DWA"]
     assert " | all below | " in markdown([board])
     same = write_rows("same", "gap", "twin", "dwa", faster=0.0)
-    (board,) = make_boards([same])
+    board = board_of(same)
     assert [(row.rank, row.tied) for row in board.places] == [(1, True)] * 3
 
 
@@ -91,7 +91,7 @@ def test_a_planner_without_declaration_is_classed_by_its_commands(tmp_path):
     mine = drive("mine", {"mine": ENTRY.build(ENTRY.presets["default"])})
     # The row keeps what the suite knew as it drove.
     assert mine.trials[0].speed_cap_mps == 2.0
-    (board,) = make_boards([plain.folder, mine.folder])
+    board = board_of(plain.folder, mine.folder)
     first, other = (place.summary["efficiency"].estimate for place in board.places)
     assert first == other  # although rounding made some of its commands smaller
     assert "up to 0.5 m/s" in board.title
@@ -122,10 +122,10 @@ def test_two_settings_of_a_planner_are_named_by_what_differs(write_rows):
     with edit_run(two) as content:
         (planner,) = content["experiment"]["planners"]
         planner["overrides"] = {"dwa.obstacle_weight": 0.0, "dwa.path_weight": 3.0}
-    (board,) = make_boards([first, two])
+    board = board_of(first, two)
     assert labels_of(board) == {"DWA", "DWA (obstacle_weight=0.0, path_weight=3.0)"}
     three = write_rows("three", "dwa", faster=0.7)
-    (board,) = make_boards([first, two, three])
+    board = board_of(first, two, three)
     assert labels_of(board) == {"DWA (one)", "DWA (two)", "DWA (three)"}
 
 
@@ -145,14 +145,14 @@ def test_a_board_may_be_of_some_worlds_alone(write_rows, printed):
 def test_planners_are_told_apart_within_a_board_alone(write_rows):
     first = write_rows("one")
     other = write_rows("other", "dwa")
-    (board,) = make_boards([other, first])
+    board = board_of(other, first)
     colors = {place.entry.label: place.entry.color for place in board.places}
     gap, dwa = assign_colors(["gap", "dwa"])
     assert colors["gap"] == gap
     assert dwa in colors.values()
     assert len(colors) == len(set(colors.values())) == len(board.places) == 3
     again = write_rows("again")
-    (board,) = make_boards([first, again])
+    board = board_of(first, again)
     names = ("gap (one)", "DWA (one)", "gap (again)", "DWA (again)")
     assert labels_of(board) == set(names)
     assert len({place.entry.color for place in board.places}) == 4
@@ -168,7 +168,7 @@ def test_rows_lead_to_their_configuration_and_bags(write_rows):
 def test_planners_of_a_campaign_have_checksums_of_their_own(write_rows):
     both = write_rows("both")
     alone = write_rows("alone", "gap")
-    (board,) = make_boards([both])
+    board = board_of(both)
     assert len({place.configuration for place in board.places}) == 2
     sources = map(read_source, (alone, both))
     assert len({configuration_hash(source, "gap") for source in sources}) == 1
@@ -203,19 +203,19 @@ def test_the_command_writes_both(write_rows, tmp_path, succeed, rejected):
 
 def test_a_board_ranks_by_its_protocol_and_shows_contact(write_rows):
     folder = write_rows("one", protocol=PAPER_2020)
-    (board,) = make_boards([folder])
+    board = board_of(folder)
     assert board.measure.key == "normalised_time_s_per_m"
     columns = ("time per meter as counted [s/m]", "time in contact [s]", "success [%]")
     assert " | ".join(columns) in markdown([board])
     (by_score,) = make_boards([folder], "challenge")
     assert "time in contact" not in markdown([by_score])
-    (board,) = make_boards([write_rows("two")])
+    board = board_of(write_rows("two"))
     assert board.measure.key == "challenge"
 
 
 def test_a_board_begins_with_its_conclusion_and_cautions(write_rows):
     folder = write_rows("one_two", faster=2.0)
-    (board,) = make_boards([folder])
+    board = board_of(folder)
     text = markdown([board])
     short, verdict, few, caption = text.split("\n\n")[2:6]
     assert re.fullmatch(r"gap ranks first; .* \(p = 0\.\d+, 8 worlds\)\.", short)
@@ -225,11 +225,17 @@ def test_a_board_begins_with_its_conclusion_and_cautions(write_rows):
     assert caption.startswith("Ranked by challenge metric")
     assert verdict in html.unescape(page([board]))
     assert few in page([board])
-    assert board.places[0].better_than == ()
+    assert board.places[0].better_than == []
     rewrite_rows(folder, lambda rows: [row for row in rows if row["world"] < 6])
-    (board,) = make_boards([folder])
-    assert board.notes[1:] == (f"{folder} is partial: 24 of 32 trials",)
+    board = board_of(folder)
+    assert board.notes[1:] == [f"{folder} is partial: 24 of 32 trials"]
     assert "one\\_two is partial: 24 of 32 trials" in markdown([board])
+
+
+def board_of(*folders):
+    """Return the only board of these folders."""
+    (board,) = make_boards(folders)
+    return board
 
 
 def change_rows(folder, change):

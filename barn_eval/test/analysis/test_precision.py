@@ -13,6 +13,7 @@ from refusals import refused
 from barn_eval.analysis.measures import MEASURES
 from barn_eval.analysis.precision import (
     REPETITIONS,
+    Need,
     estimate_precision,
     figures_table,
     needs_table,
@@ -51,22 +52,16 @@ def test_needs_are_those_of_the_components_of_variance():
         assert figure.parts == parts[place]
     assert len(precision.figures) == 3
     assert precision.figures[0].half_width == half_width(parts[0], 20, 3)
-    expected = [
-        *(("DWA", "half_width", 0.1, count) for count in REPETITIONS),
-        *(("E-Band", "half_width", 0.1, count) for count in REPETITIONS),
-        *(("DWA - E-Band", "difference", 0.2, count) for count in REPETITIONS),
-    ]
-    for need, (name, kind, wanted, count) in zip(
-        precision.needs, expected, strict=True
-    ):
-        assert (need.of, need.kind) == (name, kind)
-        assert (need.wanted, need.repetitions) == (wanted, count)
-        components = parts[NAMES.index(name)]
-        worlds = (
-            worlds_for_half_width if kind == "half_width" else worlds_for_difference
-        )
-        assert need.worlds == worlds(components, wanted, count)
-    assert precision.notes == ()
+    width = ("half_width", 0.1, worlds_for_half_width)
+    wants = (width, width, ("difference", 0.2, worlds_for_difference))
+    expected = []
+    for name, components, want in zip(NAMES, parts, wants, strict=True):
+        kind, wanted, worlds = want
+        for count in REPETITIONS:
+            needed = worlds(components, wanted, count)
+            expected.append(Need(name, kind, wanted, count, needed))
+    assert precision.needs == expected
+    assert precision.notes == []
 
 
 def test_five_percent_of_the_mean_is_the_default():

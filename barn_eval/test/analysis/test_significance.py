@@ -221,7 +221,7 @@ def builds(better, noise=0.02, worlds=WORLDS):
     pair = (
         effect + gain + generator.normal(0.0, noise, WORLDS) for gain in (0.0, better)
     )
-    return [counted(values[:worlds], [0] * worlds, range(worlds)) for values in pair]
+    return [counted(values[:worlds]) for values in pair]
 
 
 def decided(a, b, order=range(WORLDS), larger=True):
@@ -263,7 +263,7 @@ def test_the_first_decision_stands_whatever_comes_after_it():
     a, b = builds(0.08)
     first = decided(a, b)
     values = np.where(np.arange(WORLDS) < first.worlds, b.values, 0.1)
-    turned = counted(values, b.failures, range(WORLDS))
+    turned = counted(values, b.failures)
     assert decided(a, turned) == first
 
 

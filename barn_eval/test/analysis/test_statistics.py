@@ -55,7 +55,7 @@ def test_unbalanced_worlds_are_weighted_by_trials():
 
 def test_equal_worlds_have_an_interval_without_width():
     assert mean_interval(np.array([1.0, 3.0]), np.array([4, 4])) == Interval(2.0)
-    assert counted([0.3, 0.2], [0, 0], [1, 1]).mean().low is None
+    assert counted([0.3, 0.2], worlds=[1, 1]).mean().low is None
     assert mean_interval(np.ones(6), np.arange(6) // 2) == Interval(1.0, 1.0, 1.0)
 
 
@@ -152,8 +152,8 @@ def test_paired_comparison_gives_the_mean_of_each_over_the_pairs():
 
 
 def test_an_improvement_however_small_counts_whole():
-    a = counted([1.0, 1.0, 1.0], [0] * 3, range(3))
-    b = counted([0.999, 1.0, 1.001], [0] * 3, range(3))
+    a = counted([1.0, 1.0, 1.0])
+    b = counted([0.999, 1.0, 1.001])
     paired = compare_pairs(a, b, larger_is_better=True)
     assert paired.improvement.estimate == pytest.approx((1.0 + 0.5 + 0.0) / 3.0)
 
@@ -214,12 +214,13 @@ def test_published_trials_give_the_known_agreement_of_planners(original_folder):
     assert repetition_spread(eband, worlds) == pytest.approx(0.38, abs=0.02)
 
 
-def counted(values, failures, worlds, as_failure=0.0, best=0.5):
+def counted(values, failures=0, worlds=None, as_failure=0.0, best=0.5):
+    """Values of trials, by default of one without a failure in each world."""
     values = np.asarray(values, float)
-    failing = np.asarray(failures), np.full(len(values), as_failure)
-    return TrialValues(
-        values, np.asarray(worlds), np.zeros(len(values), int), *failing, best
-    )
+    number = len(values)
+    worlds = np.arange(number) if worlds is None else np.asarray(worlds)
+    failing = (np.full(number, given) for given in (failures, as_failure))
+    return TrialValues(values, worlds, np.zeros(number, int), *failing, best)
 
 
 def without_failures(trials):
@@ -276,7 +277,7 @@ def test_nothing_has_no_mean(values):
 
 def test_failures_that_were_not_seen_lower_the_lower_limit():
     """By the limit of none in four: 1 - 0.025^(1/4)."""
-    trials = counted([0.30, 0.31, 0.29, 0.30], [0] * 4, range(4))
+    trials = counted([0.30, 0.31, 0.29, 0.30])
     interval = trials.mean()
     plain = mean_interval(trials.values, trials.worlds)
     assert interval.low == pytest.approx(0.30 * 0.025**0.25)
@@ -288,7 +289,7 @@ def test_cheap_failures_raise_the_mean_of_times():
     50 s.
     """
     times = [40.0, 41.0, 39.0, 42.0, 40.5]
-    interval = counted(times, [0] * 5, range(5), as_failure=30.0, best=0.0).mean()
+    interval = counted(times, as_failure=30.0, best=0.0).mean()
     assert interval.estimate - interval.low > interval.high - interval.estimate > 0.0
 
 
@@ -302,7 +303,7 @@ def test_only_where_no_value_is_below_zero_are_limits_not_either(least, cut):
 
 
 def test_the_upper_limit_of_a_mean_is_not_above_the_best():
-    assert counted([0.0, 0.05, 0.05], [0] * 3, range(3), best=0.05).mean().high == 0.05
+    assert counted([0.0, 0.05, 0.05], best=0.05).mean().high == 0.05
 
 
 def test_parts_of_a_mean_are_those_of_a_difference_from_zero():
@@ -318,7 +319,7 @@ def test_matched_trials_are_in_the_order_of_worlds():
 
 
 def test_selected_trials_keep_whether_they_failed():
-    trials = counted([0.1, 0.2, 0.3], [1, 0, 0], range(3), [0.0, 0.5, 0.25])
+    trials = counted([0.1, 0.2, 0.3], [1, 0, 0], as_failure=[0.0, 0.5, 0.25])
     selected = trials.at(np.array([2, 0]))
     assert selected.failures.tolist() == [0, 1]
     assert selected.as_failure.tolist() == [0.25, 0.0]
@@ -326,15 +327,15 @@ def test_selected_trials_keep_whether_they_failed():
 
 def test_success_in_one_world_is_worth_the_best():
     for failures, best in (([0, 1, 1], 0.5), ([0, 0, 1], 0.3)):
-        trials = counted([0.3, 0.3, 0.2], failures, range(3), 0.1)
+        trials = counted([0.3, 0.3, 0.2], failures, as_failure=0.1)
         assert trials.cost == pytest.approx(best - 0.1)
 
 
 def test_what_a_failure_costs_is_unseen_only_where_all_trials_end_alike():
-    none = counted([0.3, 0.3], [0, 0], range(2), 0.4)
-    with_failure = counted([0.3, 0.3], [0, 1], range(2), 0.4)
+    none = counted([0.3, 0.3], as_failure=0.4)
+    with_failure = counted([0.3, 0.3], [0, 1], as_failure=0.4)
     assert none.parts().unseen == (none.cost * -1,)
-    never = counted([0.0, 0.0], [1, 1], range(2), 0.0)
+    never = counted([0.0, 0.0], failures=1)
     assert never.unseen == (never.best,)
     assert with_failure.unseen == without_failures(none).unseen == ()
     paired = compare_pairs(none, with_failure, larger_is_better=True)
@@ -343,20 +344,20 @@ def test_what_a_failure_costs_is_unseen_only_where_all_trials_end_alike():
 
 
 def test_paired_comparison_gives_the_share_of_failures_of_each():
-    none, one = (counted([0.3], [failure], [0]) for failure in (0, 1))
+    none, one = (counted([0.3], failure) for failure in (0, 1))
     paired = compare_pairs(none, one, larger_is_better=True)
     for interval, share in zip(paired.failures, (0.0, 1.0), strict=True):
         assert interval == Interval(share, *Share(share, 1.0).limits)
 
 
 def test_where_nothing_succeeded_a_success_may_be_worth_the_best():
-    interval = counted([0.0] * 10, [1] * 10, range(10)).mean()
+    interval = counted([0.0] * 10, failures=1).mean()
     assert limits(interval) == pytest.approx((0.0, 0.0, 0.5 * (1.0 - 0.025**0.1)))
 
 
 def test_one_that_always_fails_is_worse_than_one_that_never_does():
-    never = counted([1.0] * 12, [0] * 12, range(12), best=1.0)
-    always = counted([0.0] * 12, [1] * 12, range(12), best=1.0)
+    never = counted([1.0] * 12, best=1.0)
+    always = counted([0.0] * 12, failures=1, best=1.0)
     test = difference(never, always)
     assert test.interval.low > 0.3
     assert test.p < 0.01
@@ -402,7 +403,7 @@ def test_unobserved_failures_keep_a_difference_open():
     In 100 worlds, in 4%.
     """
     for worlds, clear in ((50, False), (100, True)):
-        a = counted([0.285] * worlds, [0] * worlds, range(worlds))
+        a = counted([0.285] * worlds)
         b = replace(a, values=a.values + 0.015)
         assert paired_difference(a.values - b.values, a.worlds).p < 0.001
         test = difference(a, b)
@@ -413,26 +414,26 @@ def test_unobserved_failures_keep_a_difference_open():
 
 def test_failures_that_both_have_in_the_same_worlds_cancel():
     failures = [1] * 5 + [0] * 45
-    a = counted([0.0] * 5 + [0.30] * 45, failures, range(50))
-    b = counted([0.0] * 5 + [0.20] * 45, failures, range(50))
+    a = counted([0.0] * 5 + [0.30] * 45, failures)
+    b = counted([0.0] * 5 + [0.20] * 45, failures)
     assert a.excess(b).share == 0.0
     assert difference(a, b).p < 0.01
 
 
 def test_failures_in_excess_are_a_share_of_the_trials_of_a_world():
     with_failure = counted([0.3] * 2, [1, 0], [0, 0])
-    none = counted([0.3] * 2, [0, 0], [0, 0])
+    none = counted([0.3] * 2, worlds=[0, 0])
     assert with_failure.excess(none).share == 0.5
 
 
 def test_one_sided_failures_do_not_change_a_difference():
-    a, b = (counted([value] * 9, [0] * 9, range(9)) for value in (0.3, 0.2))
+    a, b = (counted([value] * 9) for value in (0.3, 0.2))
     plain = paired_difference(a.values - b.values, a.worlds).interval
     assert difference(a, without_failures(b)).interval == plain
     assert difference(without_failures(a), b).interval == plain
 
 
 def test_failures_that_cost_nothing_change_no_difference():
-    a, b = (counted([value] * 9, [0] * 9, range(9), value) for value in (0.5, 0.25))
+    a, b = (counted([value] * 9, as_failure=value) for value in (0.5, 0.25))
     plain = paired_difference(a.values - b.values, a.worlds)
     assert difference(a, b).interval == plain.interval

@@ -2,6 +2,7 @@
 
 import pytest
 from refusals import refused
+from text_tables import rows_of
 
 from barn_eval.analysis.leaderboard import make_boards
 from barn_eval.analysis.sources import read_source
@@ -85,34 +86,29 @@ def test_repetitions_that_are_not_numbered_count_in_their_order(tmp_path):
     assert read_source(path).planned is None
 
 
-@pytest.mark.parametrize(
-    "text, words",
-    [
-        ("", "once: planner, world, outcome and perhaps .*, got none"),
-        (HEAD.replace("\n", ",time\n"), "each once: .*, time, time"),
-        (
-            "planner,world,outcom\n",
-            "got planner, world, outcom.*did you mean 'outcome'",
-        ),
-        (HEAD, "holds no trials"),
-        (HEAD + "a,0,0,won,1\n", "line 2: unknown outcome 'won'"),
-        (HEAD + "a,0,0,sucess,1\n", "did you mean 'success'"),
-        (
-            HEAD + "a,-1,0,success,1\n",
-            "line 2: world '-1': must be a number of 0 or more",
-        ),
-        (HEAD + "a,1.5,0,timeout,\n", "line 2: world '1.5': must be a whole number"),
-        (HEAD + "a,1,0,success,nan\n", "line 2: time 'nan': must be a number of 0"),
-        (HEAD + "a,1,0,success,1_0\n", "line 2: time '1_0': must be a number of 0"),
-        (HEAD + "a,1,0,success,\n", "line 2: a success needs a time"),
-        (HEAD + "a,1,0,success\n", "line 2: has 4 of 5 values"),
-        (HEAD + 2 * "a,1,0,timeout,\n", "line 3: trial a_w0001_r00 is listed twice"),
-        (HEAD + ",1,0,timeout,\n", "line 2: planner '': must be a name"),
-    ],
-)
+# Lines of a table end in a semicolon here; HEAD stands for its head.
+BAD_TABLES = """
+                        | once: planner, world, outcome and perhaps .*, got none
+HEAD,time;              | each once: .*, time, time
+planner,world,outcom;   | got planner, world, outcom.*did you mean 'outcome'
+HEAD;                   | holds no trials
+HEAD;a,0,0,won,1;       | line 2: unknown outcome 'won'
+HEAD;a,0,0,sucess,1;    | did you mean 'success'
+HEAD;a,-1,0,success,1;  | line 2: world '-1': must be a number of 0 or more
+HEAD;a,1.5,0,timeout,;  | line 2: world '1.5': must be a whole number
+HEAD;a,1,0,success,nan; | line 2: time 'nan': must be a number of 0
+HEAD;a,1,0,success,1_0; | line 2: time '1_0': must be a number of 0
+HEAD;a,1,0,success,;    | line 2: a success needs a time
+HEAD;a,1,0,success;     | line 2: has 4 of 5 values
+HEAD;a,1,0,timeout,;a,1,0,timeout,; | line 3: trial a_w0001_r00 is listed twice
+HEAD;,1,0,timeout,;     | line 2: planner '': must be a name
+"""
+
+
+@pytest.mark.parametrize("text, words", rows_of(BAD_TABLES))
 def test_a_bad_table_is_refused_in_one_line(tmp_path, text, words):
     path = tmp_path / "bad.csv"
-    path.write_text(text)
+    path.write_text(text.replace("HEAD", HEAD.strip()).replace(";", "\n"))
     with refused(words):
         read_table_file(path)
 

@@ -58,12 +58,12 @@ def by_time(planners):
 def test_clear_differences_make_ranks_in_the_order_of_the_means():
     slow, quick, middle = planner(9.0, 1), planner(0.0, 2), planner(4.0, 3)
     ranking = by_time({"slow": slow, "quick": quick, "middle": middle})
-    assert ranking.names == ("quick", "middle", "slow")
+    assert ranking.names == ["quick", "middle", "slow"]
     assert (ranking.ranks, ranking.leaders) == ((1, 2, 3), (0,))
     difference = ranking.differences[0, 2].interval.estimate
     assert difference == pytest.approx(ranking.means[0] - ranking.means[2])
     ranking = rank({"low": quick, "high": slow}, larger_is_better=True)
-    assert (ranking.names, ranking.ranks) == (("high", "low"), (1, 2))
+    assert (ranking.names, ranking.ranks) == (["high", "low"], (1, 2))
 
 
 def test_two_clear_tests_may_be_open_after_holm():
@@ -86,7 +86,7 @@ def test_a_chain_shares_a_rank_though_its_ends_differ():
     b = replace(a, values=a.values + 0.6 + noise - noise.mean())
     c = replace(a, values=a.values + 1.2)
     ranking = by_time({"a": a, "b": b, "c": c})
-    assert ranking.names == ("a", "b", "c")
+    assert ranking.names == ["a", "b", "c"]
     assert (ranking.ranks, ranking.leaders) == ((1, 1, 1), (0, 1))
     assert ranking.is_clear(0, 2)
     assert not ranking.is_clear(0, 1)
@@ -236,13 +236,13 @@ def test_few_worlds_and_unfinished_folders_are_told(tmp_path):
     rows = tuple(results(worlds=2))
     source = Source(tmp_path, "run", rows, {}, (), 20)
     entry = Entry("DWA", "", source, "dwa", rows)
-    assert list_cautions(10) == ()
+    assert list_cautions(10) == []
     few, partial = list_cautions(9, [entry])
     assert few.startswith("Only 9 worlds")
     assert partial == f"{tmp_path} is partial: 6 of 20 trials"
     for planned in (6, None):
         whole = replace(entry, source=replace(source, planned=planned))
-        assert list_cautions(10, [whole]) == ()
+        assert list_cautions(10, [whole]) == []
 
 
 def test_what_is_compared_across_classes_or_commits_is_named(tmp_path):

@@ -2,9 +2,9 @@
 
 import json
 import re
-from pathlib import Path
 
 import pytest
+from waiting import ROOT
 
 from barn_metrics.model import load_model
 from barn_metrics.model.weights import default_weights
@@ -28,7 +28,7 @@ def test_a_damaged_file_of_weights_is_named(tmp_path, rejected):
 
 
 def test_the_page_on_metrics_quotes_the_card():
-    page = Path(__file__).resolve().parents[3] / "docs" / "metrics.md"
+    page = ROOT / "docs" / "metrics.md"
     if not page.is_file():
         pytest.skip("the repository's docs are not beside this package")
     card = default_weights().with_suffix(".md").read_text("utf-8")

@@ -5,17 +5,16 @@ Worlds, metrics and difficulty from it.
 
 import inspect
 import re
-from pathlib import Path
 
 import pytest
 from refusals import refused
-from waiting import run_python
+from waiting import ROOT, run_python
 
 import barn_eval as barn
 from barn_eval.commands.main import COMMANDS
 from barn_worlds.base.errors import BarnError
 
-PAGE = Path(__file__).resolve().parents[3] / "docs" / "python.md"
+PAGE = ROOT / "docs" / "python.md"
 
 SCRIPT = """
 import math

@@ -3,12 +3,12 @@
 import json
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 from refusals import refused
+from waiting import ROOT
 
 import barn_eval as barn
 from barn_eval.api.worlds import generate, resize
@@ -86,7 +86,7 @@ def test_the_simulator_node_gets_robots_by_name_or_file(tmp_path):
 
 
 def page():
-    path = Path(__file__).resolve().parents[3] / "docs" / "robots.md"
+    path = ROOT / "docs" / "robots.md"
     if not path.is_file():
         pytest.skip("the repository's documentation is not beside this package")
     return path.read_text("utf-8")

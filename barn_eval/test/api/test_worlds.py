@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 import pytest
+import yaml
 from PIL import Image
 from planners import recorded, spec_of
 from refusals import refused
@@ -162,15 +163,22 @@ def test_a_mistake_is_one_clear_line_and_leaves_nothing(rejected, line, complain
     assert complaint in rejected(line)
 
 
+WRONG_MOTIONS = """
+{source: barn300}
+    take one class of motion, got 3
+{crossing: true}
+    crossing and obstacles are for the worlds of a data set
+{classes: [esy]}
+    unknown motion class 'esy'; did you mean 'easy'?
+{parameters: {radius: 1}}
+    did you mean 'radius_m'?
+"""
+
+
 def test_from_python_a_mistake_is_an_error_of_the_suite():
-    for wrong, message in (
-        ({"source": "barn300"}, "take one class of motion, got 3"),
-        ({"crossing": True}, "crossing and obstacles are for the worlds of a data set"),
-        ({"classes": ["esy"]}, "unknown motion class 'esy'; did you mean 'easy'?"),
-        ({"parameters": {"radius": 1}}, "did you mean 'radius_m'?"),
-    ):
+    for wrong, message in answers_of(WRONG_MOTIONS):
         with refused(re.escape(message)):
-            barn.worlds.generate_moving(**wrong)
+            barn.worlds.generate_moving(**yaml.safe_load(wrong))
     with refused("exists already", BarnError):
         barn.worlds.generate_moving(open_dataset("dynabarn60").load(0).provenance.path)
 

@@ -17,7 +17,7 @@ from campaign_runs import install_stranger
 from click.shell_completion import BashComplete
 from rosbags.rosbag2 import Reader
 from text_tables import answers_of, rows_of
-from waiting import barn_words, run_python, with_search_path
+from waiting import ROOT, barn_words, run_python, with_search_path
 
 from barn_eval import __version__
 from barn_eval.api import suite
@@ -37,7 +37,6 @@ from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.formats.dataset_file import write_dataset_file
 from barn_worlds.formats.map_server import write_map
 
-ROOT = Path(__file__).resolve().parents[3]
 INLINE = "--execution engine=inline"  # which starts no worker
 
 

@@ -7,6 +7,7 @@ import io
 import re
 import shutil
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -183,7 +184,7 @@ def test_outcomes_have_colors_unless_no_color(variables, is_colored):
 
 def test_planners_that_a_test_separates_have_ranks_of_their_own():
     rows = ranked_table(summarize_run(results_of(["b", "a"], 12, 0.3))).rows
-    assert [row[:2] for row in rows] == [("1", "b"), ("2", "a")]
+    assert [row[:2] for row in rows] == [["1", "b"], ["2", "a"]]
 
 
 @pytest.mark.parametrize("worlds, has_intervals", [(5, False), (6, True)])
@@ -288,46 +289,34 @@ def test_there_is_no_other_way_to_a_table():
 
 
 @pytest.fixture
-def time(monkeypatch):
-    """A clock that is moved by hand."""
+def show(monkeypatch):
+    """Takes one event every two seconds; returns the text shown and the last state."""
+    # A clock that is moved by hand.
     clock = SimpleNamespace(now=100.0, monotonic=lambda: clock.now)
     monkeypatch.setattr(reporting, "time", clock)
-    return clock
+
+    def take(total, earlier, events, make_reporter=ConsoleReporter, **look):
+        console = Console(file=io.StringIO(), **{"width": 200} | look)
+        progress = RunProgress(total, earlier, make_reporter(console))
+        with progress.reporter.show_progress(progress):
+            for event in events:
+                clock.now += 2.0
+                progress.take(event)
+            text = progress.text()
+        return console.file.getvalue(), text
+
+    return take
 
 
-def show(total, earlier, events, time):
-    """Take one event every two seconds and return the text shown and the last state."""
-    file = io.StringIO()
-    console = Console(file=file, force_terminal=False, width=200)
-    return take(
-        RunProgress(total, earlier, ConsoleReporter(console)), events, time, file
-    )
-
-
-def take(progress, events, time, file):
-    with progress.reporter.show_progress(progress):
-        for event in events:
-            time.now += 2.0
-            progress.take(event)
-        text = progress.text()
-    return file.getvalue(), text
-
-
-def test_progress_figures_are_those_of_the_session(time):
-    _, text = show(100, [result(90)], [result(number) for number in range(9)], time)
+def test_progress_figures_are_those_of_the_session(show):
+    _, text = show(100, [result(90)], [result(number) for number in range(9)])
     # nine trials of 12 simulated seconds in 18 seconds, 90 to go
     assert text == "30.0/min, 6.0 x real time, 0:03:00 left, success 10"
 
 
-def test_lines_come_now_and_then_and_at_the_end(time):
-    total = 101
-    output_lines, _ = show(
-        total,
-        [result(0)] * (total - 31),
-        [result(number) for number in range(31)],
-        time,
-    )
-    lines = output_lines.splitlines()
+def test_lines_come_now_and_then_and_at_the_end(show):
+    output, _ = show(101, [result(0)] * 70, [result(number) for number in range(31)])
+    lines = output.splitlines()
     assert [line.split()[0] for line in lines] == ["85/101", "100/101", "101/101"]
     assert (
         lines[-1]
@@ -335,15 +324,15 @@ def test_lines_come_now_and_then_and_at_the_end(time):
     )
 
 
-def test_trials_of_a_small_experiment_have_a_line_each(time):
+def test_trials_of_a_small_experiment_have_a_line_each(show):
     slow = replace(
         result(2),
         outcome=Outcome.TIMEOUT,
         detail="too slow",
         scores=replace(result(2).scores, success=False),
     )
-    output_lines, _ = show(3, [result(0)], [result(1), slow], time)
-    first, second, _ = output_lines.splitlines()
+    output, _ = show(3, [result(0)], [result(1), slow])
+    first, second, _ = output.splitlines()
     assert first == "[2/3] dwa_w0001_r00: success in 10.10 s"
     assert second == "[3/3] dwa_w0002_r00: timeout (too slow)"
 
@@ -353,67 +342,56 @@ def test_trials_of_a_small_experiment_have_a_line_each(time):
     [(Verbosity.QUIET, 0, 0), (Verbosity.NORMAL, 0, 1), (Verbosity.VERBOSE, 11, 1)],
 )
 def test_trials_of_a_larger_run_have_lines_if_asked_for(
-    time, verbosity, trial_lines, progress_lines
+    show, verbosity, trial_lines, progress_lines
 ):
-    file = io.StringIO()
-    reporter = ConsoleReporter(Console(file=file, width=200), verbosity)
-    progress = RunProgress(11, [], reporter)
-    take(progress, [result(number) for number in range(11)], time, file)
-    lines = file.getvalue().splitlines()
+    make_reporter = partial(ConsoleReporter, verbosity=verbosity)
+    output, _ = show(11, [], [result(number) for number in range(11)], make_reporter)
+    lines = output.splitlines()
     assert sum(line.startswith("[") for line in lines) == trial_lines
     assert sum("real time" in line for line in lines) == progress_lines
 
 
-def test_a_terminal_shows_the_planners_as_they_drive(time):
-    file = io.StringIO()
-    reporter = ConsoleReporter(Console(file=file, force_terminal=True, width=80))
+def test_a_terminal_shows_the_planners_as_they_drive(show):
     events = results_of(["dwa", "gap"], 6)
-    take(RunProgress(12, [], reporter), events, time, file)
-    shown = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", file.getvalue())
+    output, _ = show(12, [], events, force_terminal=True, width=80)
+    shown = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", output)
     rows = [line.split() for line in shown.splitlines()]
     assert ["dwa", "6", "100", "%", "0.400"] in rows
     assert ["gap", "6", "100", "%", "0.390"] in rows
 
 
-def test_what_is_waited_for_is_said_once(time):
+def test_what_is_waited_for_is_said_once(show):
     waiting = [Notice("dwa", "local-0", "waiting for /scan")] * 3
-    output_lines, _ = show(1, [], [*waiting, result(1), *waiting[:1]], time)
-    assert output_lines.count("waiting for /scan") == 1
+    output, _ = show(1, [], [*waiting, result(1), *waiting[:1]])
+    assert output.count("waiting for /scan") == 1
 
 
 @pytest.mark.parametrize("width", [60, 80, 120])
-def test_a_narrow_terminal_shows_progress_whole(time, width):
-    file = io.StringIO()
+def test_a_narrow_terminal_shows_progress_whole(show, width):
     results = [
         replace(result(number), outcome=outcome)
         for number, outcome in enumerate(Outcome)
     ]
-    reporter = ConsoleReporter(Console(file=file, force_terminal=True, width=width))
-    progress = RunProgress(3000, results, reporter)
-    output_lines, text = take(progress, [result(100)], time, file)
-    last = re.split(r"\x1b\[[0-9;?]*[A-Za-z]", output_lines)
+    output, text = show(3000, results, [result(100)], force_terminal=True, width=width)
+    last = re.split(r"\x1b\[[0-9;?]*[A-Za-z]", output)
     words = set(" ".join(last).replace(",", " ").split())
-    assert "\x1b[" in output_lines
+    assert "\x1b[" in output
     assert {f"{len(Outcome) + 1}/3000", "30.0/min", "left"} <= words
     assert set(text.replace(",", " ").split()) <= words
 
 
-def test_losses_are_told_at_once(time):
-    output_lines, _ = show(
-        2,
-        [],
-        [TrialLoss("dwa_w0001_r00", 1, "its worker process was killed by SIGKILL")],
-        time,
-    )
-    assert output_lines.startswith(
+def test_losses_are_told_at_once(show):
+    loss = TrialLoss("dwa_w0001_r00", 1, "its worker process was killed by SIGKILL")
+    output, _ = show(2, [], [loss])
+    assert output.startswith(
         "dwa_w0001_r00: attempt 1 was lost: its worker process was killed by SIGKILL\n"
     )
 
 
-def test_a_library_logs_what_a_command_prints(time, caplog):
+def test_a_library_logs_what_a_command_prints(show, caplog):
     caplog.set_level("INFO", "barn_eval")
     loss = TrialLoss("dwa_w0001_r00", 1, "it was killed")
-    take(RunProgress(2, [], Reporter()), [loss, result(1)], time, io.StringIO())
+    show(2, [], [loss, result(1)], lambda _: Reporter())
     assert [(record.levelname, record.message) for record in caplog.records] == [
         ("WARNING", "dwa_w0001_r00: attempt 1 was lost: it was killed"),
         ("INFO", "[1/2] dwa_w0001_r00: success in 10.10 s"),

@@ -10,6 +10,7 @@ import pickle
 import re
 import warnings
 from dataclasses import asdict, replace
+from itertools import chain, cycle, islice, repeat
 
 import numpy as np
 import pytest
@@ -39,7 +40,7 @@ from barn_eval.trials.result import Outcome, Verdict  # noqa: E402
 from barn_eval.trials.run_config import PlannerChoice, RunConfig  # noqa: E402
 from barn_eval.trials.spec import simulator_config  # noqa: E402
 from barn_planners.policy.collision_check import CollisionCheckConfig  # noqa: E402
-from barn_planners.policy.file import (  # noqa: E402  # noqa: E402
+from barn_planners.policy.file import (  # noqa: E402
     METADATA_KEY,
     Policy,
     PolicyNetwork,
@@ -55,6 +56,9 @@ from barn_worlds.drawing import palette  # noqa: E402
 FORWARD, STILL, NO_NUMBER = np.array(
     [[0.2, 0.0], [-0.6, 0.0], [np.nan, 0.0]], np.float32
 )
+
+SHIELDED = EnvConfig(worlds="150", safety=CollisionCheckConfig())
+MOTION_LIMIT_S = CHALLENGE.first_motion_limit_s
 
 
 @pytest.fixture
@@ -180,8 +184,8 @@ def test_an_episode_is_the_trial_of_the_benchmark(
         poses.append(truths[0].copy())
         ended = terminated or truncated
     expected = finished.trajectory.truth
-    repeat = policy.action.repeat
-    np.testing.assert_array_equal(expected[:-1:repeat], poses[:-1])
+    stride = policy.action.repeat
+    np.testing.assert_array_equal(expected[:-1:stride], poses[:-1])
     np.testing.assert_array_equal(expected[-1], poses[-1])
     assert info["outcome"] == finished.result.outcome.value
     scores = asdict(finished.result.scores)
@@ -250,36 +254,33 @@ def test_a_recurrent_policy_drives_the_same_trial_as_a_planner(make, tmp_path):
     assert info["scores"]["duration_s"] == result.scores.duration_s
 
 
-def run_out(env, action, limit=4000):
+def run_out(env, actions):
+    """Return the rewards of an episode, whether it ended by itself and by time, and what
+    is known at its end.
+    """
     rewards = []
-    for _ in range(limit):
-        _, reward, terminated, truncated, info = env.step(action)
+    for action in islice(actions, 4000):
+        _, reward, *ended, info = env.step(action)
         rewards.append(reward)
-        if terminated or truncated:
-            return rewards, terminated, truncated, info
+        if any(ended):
+            return rewards, ended, info
     raise AssertionError("the episode does not end")
 
 
 @pytest.mark.parametrize(
     "action, ends, outcome, detail, time_s",
     [
-        (FORWARD, (True, False), "collision", "contact", pytest.approx(3.5, abs=0.5)),
-        (
-            STILL,
-            (False, True),
-            "no_first_motion",
-            "moved less",
-            CHALLENGE.first_motion_limit_s,
-        ),
-        (NO_NUMBER, (True, False), "invalid_command", "is not finite", 0.0),
+        (FORWARD, [True, False], "collision", "contact", pytest.approx(3.5, abs=0.5)),
+        (STILL, [False, True], "no_first_motion", "moved less", MOTION_LIMIT_S),
+        (NO_NUMBER, [True, False], "invalid_command", "is not finite", 0.0),
     ],
     ids=["a collision terminates", "time truncates", "what is not a number terminates"],
 )
 def test_a_failure_ends_an_episode(make, action, ends, outcome, detail, time_s):
     env = make(worlds="150")
     env.reset(seed=0)
-    rewards, *ended, info = run_out(env, action)
-    assert tuple(ended) == ends
+    rewards, ended, info = run_out(env, repeat(action))
+    assert ended == ends
     assert (info["outcome"], info["is_success"]) == (outcome, False)
     assert info["time_s"] == time_s
     assert rewards[-1] < -9.0
@@ -299,10 +300,7 @@ def test_an_action_of_another_shape_is_told(make):
 
 
 @pytest.mark.parametrize("along", ["straight", "path"])
-def test_a_success_terminates_and_the_progress_adds_up(
-    make, open_world, tmp_path, along
-):
-    np.save(tmp_path / "world_0.npy", open_world.grid)
+def test_a_success_terminates_and_the_progress_adds_up(make, open_dataset_file, along):
     reward = RewardConfig(
         discount=1.0,
         per_second=0.0,
@@ -310,11 +308,11 @@ def test_a_success_terminates_and_the_progress_adds_up(
         progress_per_m=2.0,
         progress_along=along,
     )
-    env = make(config=EnvConfig(dataset=str(tmp_path / "world_0.npy"), reward=reward))
+    env = make(config=EnvConfig(dataset=open_dataset_file, reward=reward))
     _, info = env.reset(seed=0)
     before_m = info["way_left_m"]
-    rewards, terminated, truncated, info = run_out(env, FORWARD)
-    assert (terminated, truncated) == (True, False)
+    rewards, ended, info = run_out(env, repeat(FORWARD))
+    assert ended == [True, False]
     assert (info["outcome"], info["is_success"]) == ("success", True)
     assert info["scores"]["challenge"] == 0.5
     progress_m = before_m - info["way_left_m"]
@@ -365,33 +363,27 @@ def test_the_reward_of_a_step():
 @with_and_without_shield
 @pytest.mark.parametrize("discount", [0.99, 1.0])
 def test_driving_earns_more_than_getting_nowhere(
-    make, open_world, tmp_path, shield, discount
+    make, open_dataset_file, shield, discount
 ):
-    np.save(tmp_path / "world_0.npy", open_world.grid)
-    env = make(
-        dataset=str(tmp_path / "world_0.npy"),
-        **{"action.repeat": 4, "reward.discount": discount, "safety.enabled": shield},
-    )
-    limit = int(CHALLENGE.limit_s / 0.2)
+    changes = {
+        "action.repeat": 4,
+        "reward.discount": discount,
+        "safety.enabled": shield,
+    }
+    env = make(dataset=open_dataset_file, **changes)
     # Of -0.5 to 2 m/s, and shares of 2 rad/s. Standing ends with the time for a motion.
     ways = {
-        "drive": [FORWARD] * limit,
-        "stand": [STILL] * limit,
-        "circle": [np.array([-0.2, 0.5])] * limit,
-        "shuttle": ([np.array([0.0, 0.0])] * 10 + [np.array([-1.0, 0.0])] * 15)
-        * (limit // 25),
-        "back": [np.array([-0.65, 0.0])] * 5 + [STILL] * limit,
+        "drive": repeat(FORWARD),
+        "stand": repeat(STILL),
+        "circle": repeat(np.array([-0.2, 0.5])),
+        "shuttle": cycle([np.zeros(2)] * 10 + [np.array([-1.0, 0.0])] * 15),
+        "back": chain([np.array([-0.65, 0.0])] * 5, repeat(STILL)),
     }
     returns = {}
     for name, actions in ways.items():
         env.reset(seed=0)
-        rewards = []
-        for action in actions:
-            _, reward, terminated, truncated, info = env.step(action)
-            rewards.append(reward)
-            if terminated or truncated:
-                break
-        assert info.get("outcome") != "collision", name
+        rewards, _, info = run_out(env, actions)
+        assert info["outcome"] != "collision", name
         powers = discount ** np.arange(len(rewards))
         returns[name] = (sum(rewards), float(np.dot(powers, rewards)))
     for name in ways.keys() - {"drive"}:
@@ -400,10 +392,9 @@ def test_driving_earns_more_than_getting_nowhere(
 
 
 def test_a_check_that_always_works_costs_no_more_than_its_limit(make):
-    config = EnvConfig(worlds="150", safety=CollisionCheckConfig())
-    free = replace(config, reward=RewardConfig(shielded_per_second=0.0))
+    free = replace(SHIELDED, reward=RewardConfig(shielded_per_second=0.0))
     sums = []
-    for one in (config, free):
+    for one in (SHIELDED, free):
         env = make(config=one)
         env.reset(seed=0)
         sums.append(sum(env.step(FORWARD)[1] for _ in range(400)))
@@ -411,8 +402,7 @@ def test_a_check_that_always_works_costs_no_more_than_its_limit(make):
 
 
 def test_a_shield_keeps_from_a_collision_and_costs(make):
-    config = EnvConfig(worlds="150", safety=CollisionCheckConfig())
-    env = make(config=config)
+    env = make(config=SHIELDED)
     env.reset(seed=0)
     rewards = [env.step(FORWARD)[1] for _ in range(150)]
     assert env._episodes.running[0]
@@ -568,18 +558,11 @@ def test_a_mistake_is_told_in_one_line(changes, message):
 
 
 @pytest.mark.parametrize(
-    "options",
-    [
-        {"wordl": 3},
-        {"world": 3.5},
-        {"world": -1},
-        {"world": 5000},
-        {"repetition": True},
-    ],
+    "option", ["wordl: 3", "world: 3.5", "world: -1", "world: 5000", "repetition: true"]
 )
-def test_a_wrong_option_of_a_reset_is_told(make, options):
+def test_a_wrong_option_of_a_reset_is_told(make, option):
     with refused(r"reset: |no world", BarnError):
-        make().reset(options=options)
+        make().reset(options=yaml.safe_load(option))
 
 
 def test_a_lidar_that_sees_too_little_is_told(make):

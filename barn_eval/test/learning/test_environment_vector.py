@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import yaml
 from refusals import refused
 
 from barn_worlds.base.errors import BarnError
@@ -74,52 +75,33 @@ def test_a_batch_is_as_its_environments_one_by_one(pair, autoreset):
     assert outcomes.count("collision") > 20
 
 
-def test_so_to_the_goal(pair, open_world, tmp_path):
-    np.save(tmp_path / "world_0.npy", open_world.grid)
+def test_so_to_the_goal(pair, open_dataset_file):
     ahead = np.full((250, COUNT, 2), [0.2, 0.0], np.float32)
-    assert "success" in drive(
-        pair(dataset=str(tmp_path / "world_0.npy"), **SHORT), 250, ahead
-    )
+    assert "success" in drive(pair(dataset=open_dataset_file, **SHORT), 250, ahead)
 
 
-@pytest.mark.parametrize(
-    "steps, collides, changes",
-    [
-        (60, True, {"protocol": "known_map", "worlds": "0:300:7", **SHORT}),
-        (160, False, {"protocol": "paper2020", "worlds": "0:300:7", **SHORT}),
-        (
-            150,
-            True,
-            {
-                "dataset": "dynabarn60",
-                "protocol": "dynabarn",
-                "worlds": "0:60:7",
-                **SHORT,
-            },
-        ),
-        (
-            60,
-            True,
-            {
-                "protocol": "known_map",
-                "action.repeat": 3,
-                "observation.frames": 3,
-                "observation.frame_steps": 2,
-                "safety.enabled": True,
-                "safety.margin_m": 0.0,
-                **SHORT,
-            },
-        ),
-    ],
-    ids=[
-        "a pose in a map",
-        "obstacles that can be pushed",
-        "moving obstacles",
-        "frames and actions that hold",
-    ],
-)
-def test_so_with(pair, steps, collides, changes):
-    assert ("collision" in drive(pair(**changes), steps, forward(steps))) is collides
+# Number of steps, whether a robot collides, and what is changed.
+CHANGES = """
+a pose in a map: [60, true, {protocol: known_map, worlds: '0:300:7'}]
+obstacles that can be pushed: [160, false, {protocol: paper2020, worlds: '0:300:7'}]
+moving obstacles:
+- 150
+- true
+- {dataset: dynabarn60, protocol: dynabarn, worlds: '0:60:7'}
+frames and actions that hold:
+- 60
+- true
+- {protocol: known_map, action.repeat: 3, observation.frames: 3,
+   observation.frame_steps: 2, safety.enabled: true, safety.margin_m: 0.0}
+"""
+CHANGES = yaml.safe_load(CHANGES)
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_so_with(pair, name):
+    steps, collides, changes = CHANGES[name]
+    outcomes = drive(pair(**changes, **SHORT), steps, forward(steps))
+    assert ("collision" in outcomes) is collides
 
 
 def test_so_with_all_beams_and_a_shield(pair):

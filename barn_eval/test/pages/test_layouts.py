@@ -18,6 +18,9 @@ from barn_worlds.messages.topics import CMD_VEL_STAMPED, GROUND_TRUTH, WORLD_PAT
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
 LAUNCH = CONFIG.parent / "launch"
+RVIZ = yaml.safe_load((CONFIG / "barn.rviz").read_text())
+FOXGLOVE = json.loads((CONFIG / "barn_foxglove.json").read_text())
+PANELS = FOXGLOVE["configById"]
 # What a display of RViz takes, by the end of its class.
 DISPLAYS = {
     "Map": "nav_msgs/msg/OccupancyGrid",
@@ -64,9 +67,8 @@ def topics(tmp_path_factory):
 
 
 def test_rviz_shows_what_there_is_and_can_receive_it(topics):
-    content = yaml.safe_load((CONFIG / "barn.rviz").read_text())
     displays = {}
-    for display in content["Visualization Manager"]["Displays"]:
+    for display in RVIZ["Visualization Manager"]["Displays"]:
         for key in ("Topic", "Description Topic"):
             if key in display and display["Name"] not in OFF:
                 assert display["Enabled"] is display["Value"] is True
@@ -90,10 +92,9 @@ def test_rviz_shows_what_there_is_and_can_receive_it(topics):
 
 
 def test_rviz_receives_the_plan_of_a_map_server():
-    content = yaml.safe_load((CONFIG / "barn.rviz").read_text())
     (display,) = (
         display
-        for display in content["Visualization Manager"]["Displays"]
+        for display in RVIZ["Visualization Manager"]["Displays"]
         if display["Name"] in OFF
     )
     assert display["Enabled"] is False
@@ -117,22 +118,18 @@ def test_rviz_follows_the_namespace():
 
 
 def test_foxglove_shows_what_there_is(topics):
-    layout = json.loads((CONFIG / "barn_foxglove.json").read_text())
-    scene = layout["configById"]["3D!barn"]
+    scene = PANELS["3D!barn"]
     robot = {
         layer["topic"]
         for layer in scene["layers"].values()
         if layer.get("sourceType") == "topic"
     }
-    assert {
-        name for name, topic in scene["topics"].items() if topic["visible"]
-    } | robot == IN_THE_SCENE
+    shown = {name for name, topic in scene["topics"].items() if topic["visible"]}
+    assert shown | robot == IN_THE_SCENE
     assert topics.keys() >= IN_THE_SCENE
-    panels = set(
-        re.findall(r'"(?:first|second)": "([^"]+)"', json.dumps(layout["layout"]))
-    )
-    assert panels == set(layout["configById"])
-    assert layout["configById"]["DiagnosticSummary!all"]["topicToRender"] in topics
+    places = json.dumps(FOXGLOVE["layout"])
+    assert set(re.findall(r'"(?:first|second)": "([^"]+)"', places)) == set(PANELS)
+    assert PANELS["DiagnosticSummary!all"]["topicToRender"] in topics
 
 
 def test_panels_of_foxglove_have_settings_that_its_own_sdk_knows():
@@ -152,9 +149,7 @@ def test_panels_of_foxglove_have_settings_that_its_own_sdk_knows():
         "Indicator": "Indicator",
         "DiagnosticSummary": "DiagnosticsSummary",
     }
-    for name, panel in json.loads((CONFIG / "barn_foxglove.json").read_text())[
-        "configById"
-    ].items():
+    for name, panel in PANELS.items():
         assert strangers(panel, kinds[name.split("!")[0]] + "Config") <= {
             "foxglovePanelTitle"
         }, name
@@ -187,10 +182,5 @@ def test_paths_of_foxglove_lead_to_fields(topics):
 
 
 def test_foxglove_has_a_color_for_each_outcome():
-    panel = json.loads((CONFIG / "barn_foxglove.json").read_text())["configById"][
-        "Indicator!outcome"
-    ]
-    assert {rule["rawValue"] for rule in panel["rules"]} == {
-        "running",
-        *(outcome.value for outcome in Outcome),
-    }
+    colored = {rule["rawValue"] for rule in PANELS["Indicator!outcome"]["rules"]}
+    assert colored == {"running", *(outcome.value for outcome in Outcome)}

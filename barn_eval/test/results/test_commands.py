@@ -1,12 +1,10 @@
 """Commands of trials: always kept, whole after a kill, and enough to drive again."""
 
 import json
-import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
-from forgery import without_bags
+from forgery import require_problems, without_bags
 from planners import run_inline
 from refusals import refused
 from report_work import rewrite_rows
@@ -31,21 +29,22 @@ from barn_eval.running.direct import run_direct_trial
 from barn_eval.trials.run_config import ExecutionConfig, RunConfig
 from barn_eval.trials.trajectory import TrajectoryLog
 from barn_eval.trials.trial import FinishedTrial
+from barn_eval.verification.check import check_folder
 from barn_eval.verification.rerun import read_bag
 from barn_worlds.base.types import Odometry, Pose2D, Velocity2D
 
 PERIOD_NS = 50_000_000
 
 
-@pytest.fixture
-def folder(two_trials, tmp_path):
-    """A run of two trials that keeps no bags."""
-    return Path(shutil.copytree(two_trials, tmp_path / "out"))
-
-
 def lines_of(folder):
     lines = (folder / "commands.jsonl").read_text().splitlines()
     return {json.loads(line)["trial_id"]: unseal_line(line, "line") for line in lines}
+
+
+def packed(commands, trial_id="a"):
+    """Return the line of a trial with these numbers as its commands."""
+    arrays = pack_arrays({"commands": commands.ravel()})
+    return json.dumps({"trial_id": trial_id} | arrays)
 
 
 def test_a_run_without_bags_is_driven_again(two_trials, command):
@@ -60,7 +59,7 @@ def test_a_run_without_bags_is_submitted_and_verified(
     succeed(f"submit {two_trials} --out {path}")
     code, out, _ = command(f"verify {path} --out {tmp_path}/kept")
     assert (code, out.splitlines()[-1]) == (0, "holds")
-    assert barn.results.check(tmp_path / "kept").driven == 2
+    assert check_folder(tmp_path / "kept").driven == 2
 
 
 def test_commands_are_small_and_those_of_the_bag(tmp_path):
@@ -75,95 +74,90 @@ def test_commands_are_small_and_those_of_the_bag(tmp_path):
     assert len(record.commands) < 15 * len(commands) + 300
 
 
-def test_other_commands_than_those_of_a_bag_are_named(collided, tmp_path):
-    folder = Path(shutil.copytree(collided, tmp_path / "out"))
-    ((trial_id, line),) = lines_of(folder).items()
+def test_other_commands_than_those_of_a_bag_are_named(collided_copy):
+    ((trial_id, line),) = lines_of(collided_copy).items()
     _, commands = parse_commands_line(line, "line")
     commands = commands.copy()
     commands[3, 0] += 0.01
-    content = {"trial_id": trial_id} | pack_arrays({"commands": commands.ravel()})
-    text = f"{seal_line(json.dumps(content))}\n"
-    (folder / "commands.jsonl").write_text(text)
-    problems = barn.results.check(folder).problems
-    assert any("its commands differ from those in its bag" in line for line in problems)
+    (collided_copy / "commands.jsonl").unlink()
+    append_line(collided_copy / "commands.jsonl", packed(commands, trial_id))
+    require_problems(collided_copy, "its commands differ from those in its bag")
 
 
-def test_commands_that_no_planner_sent_are_found(folder):
-    lines = lines_of(folder)
+def test_commands_that_no_planner_sent_are_found(trials_copy):
+    lines = lines_of(trials_copy)
     first, second = lines
     _, commands = parse_commands_line(lines[second], "line")
-    content = {"trial_id": first} | pack_arrays({"commands": commands.ravel()})
-    with (folder / "commands.jsonl").open("a") as file:
-        file.write(f"{seal_line(json.dumps(content))}\n")
-    assert barn.results.check(folder).problems
+    append_line(trials_copy / "commands.jsonl", packed(commands, first))
+    assert check_folder(trials_copy).problems
 
 
-def test_missing_commands_are_named(folder):
-    (folder / "commands.jsonl").unlink()
-    report = barn.results.check(folder)
+def test_missing_commands_are_named(trials_copy):
+    (trials_copy / "commands.jsonl").unlink()
+    report = check_folder(trials_copy)
     assert report.problems == [
-        f"{folder}: gap_w{world}_r00: its commands are missing"
+        f"{trials_copy}: gap_w{world}_r00: its commands are missing"
         for world in ("0000", "0120")
     ]
 
 
 @pytest.mark.parametrize("cut", [1, 40, 300])
-def test_a_kill_while_commands_are_written_loses_one_trial_only(folder, cut):
+def test_a_kill_while_commands_are_written_loses_one_trial_only(trials_copy, cut):
     """The kill comes before the row, so the trial is run again."""
-    expected = lines_of(folder)
-    content = (folder / "commands.jsonl").read_bytes()
-    (folder / "commands.jsonl").write_bytes(content[:-cut])
-    rewrite_rows(folder, lambda rows: rows[:1])
+    expected = lines_of(trials_copy)
+    content = (trials_copy / "commands.jsonl").read_bytes()
+    (trials_copy / "commands.jsonl").write_bytes(content[:-cut])
+    rewrite_rows(trials_copy, lambda rows: rows[:1])
     for name in ("parquet", "csv"):
-        (folder / f"results.{name}").unlink()
-    run_inline("0,120", out=folder)
-    assert lines_of(folder) == expected
-    report = barn.results.check(folder)
+        (trials_copy / f"results.{name}").unlink()
+    run_inline("0,120", out=trials_copy)
+    assert lines_of(trials_copy) == expected
+    report = check_folder(trials_copy)
     assert (report.problems, report.driven) == ([], 2)
 
 
-def test_a_trial_that_runs_again_counts_with_its_last_commands(folder):
+def test_a_trial_that_runs_again_counts_with_its_last_commands(trials_copy):
     """A kill between commands and row leaves commands without a row."""
-    expected = lines_of(folder)
-    rewrite_rows(folder, lambda rows: rows[:1])
-    run_inline("0,120", out=folder)
-    assert len((folder / "commands.jsonl").read_text().splitlines()) == 2
-    assert lines_of(folder) == expected
-    assert barn.results.check(folder).problems == []
+    expected = lines_of(trials_copy)
+    rewrite_rows(trials_copy, lambda rows: rows[:1])
+    run_inline("0,120", out=trials_copy)
+    assert len((trials_copy / "commands.jsonl").read_text().splitlines()) == 2
+    assert lines_of(trials_copy) == expected
+    assert check_folder(trials_copy).problems == []
 
 
 @pytest.mark.parametrize("left", ["row", "lines"])
-def test_a_second_attempt_has_no_lines_of_the_first(folder, left):
+def test_a_second_attempt_has_no_lines_of_the_first(trials_copy, left):
     """The first one was the environment's failure, or killed before its row."""
-    expected = lines_of(folder)
+    expected = lines_of(trials_copy)
     first, second = expected
-    config = RunFile.read(folder).run_config()
+    config = RunFile.read(trials_copy).run_config()
 
     def change(rows):
         rows[1] |= {"outcome": "environment_failed", "fault": "environment"}
         return rows if left == "row" else rows[:1]
 
-    rewrite_rows(folder, change)
+    rewrite_rows(trials_copy, change)
     execution = ExecutionConfig(workers=1)
-    with ResultsFolder.open(folder, config, execution, config.trials()) as opened:
+    with ResultsFolder.open(trials_copy, config, execution, config.trials()) as opened:
         assert [spec.trial_id for spec in opened.remaining] == [second]
-        assert lines_of(folder) == {first: expected[first]}
-        assert TrialLines(folder / TRACKS_FILE).keys() == {first}
-    before = (folder / "commands.jsonl").stat()
-    with ResultsFolder.open(folder, config, execution, config.trials()):
-        assert (folder / "commands.jsonl").stat() == before
+        assert lines_of(trials_copy) == {first: expected[first]}
+        assert TrialLines(trials_copy / TRACKS_FILE).keys() == {first}
+    before = (trials_copy / "commands.jsonl").stat()
+    with ResultsFolder.open(trials_copy, config, execution, config.trials()):
+        assert (trials_copy / "commands.jsonl").stat() == before
 
 
-def test_results_are_compared_and_shown_without_commands(folder, succeed):
-    (folder / "commands.jsonl").write_bytes(b"\0nothing")
-    succeed(f"compare {folder} {folder}")
-    succeed(f"report {folder} --out report.html")
-    assert barn.load(folder).summary["trials"].tolist() == [2]
+def test_results_are_compared_and_shown_without_commands(trials_copy, succeed):
+    (trials_copy / "commands.jsonl").write_bytes(b"\0nothing")
+    succeed(f"compare {trials_copy} {trials_copy}")
+    succeed(f"report {trials_copy} --out report.html")
+    assert barn.load(trials_copy).summary["trials"].tolist() == [2]
 
 
-def test_overwriting_removes_commands(folder):
-    run_inline("0", out=folder, overwrite=True, seed=3)
-    assert list(lines_of(folder)) == ["gap_w0000_r00"]
+def test_overwriting_removes_commands(trials_copy):
+    run_inline("0", out=trials_copy, overwrite=True, seed=3)
+    assert list(lines_of(trials_copy)) == ["gap_w0000_r00"]
 
 
 def finished(counts, mode="ros", compute="free"):
@@ -207,11 +201,6 @@ def test_the_commands_of_an_endless_trial_are_not_kept(monkeypatch):
     assert len(json.dumps(pack_arrays({"commands": noise}))) < 1_000_000
 
 
-def packed(commands):
-    """Return the line of a trial with these numbers as its commands."""
-    return json.dumps({"trial_id": "a"} | pack_arrays({"commands": commands}))
-
-
 @pytest.mark.parametrize(
     "line, words",
     [
@@ -241,11 +230,10 @@ def test_a_file_is_whole_after_a_failed_write(tmp_path):
     ]
 
 
-def test_an_older_folder_is_driven_again_by_its_bags(collided, tmp_path):
+def test_an_older_folder_is_driven_again_by_its_bags(collided_copy):
     """Folders of schema 2 have no commands but those in bags."""
-    folder = Path(shutil.copytree(collided, tmp_path / "out"))
-    make_old(folder)
-    report = barn.results.check(folder)
+    make_old(collided_copy)
+    report = check_folder(collided_copy)
     assert (report.driven, report.problems) == (1, [])
-    without_bags(folder)
-    assert barn.results.check(folder).driven == 0
+    without_bags(collided_copy)
+    assert check_folder(collided_copy).driven == 0

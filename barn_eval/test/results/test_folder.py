@@ -9,10 +9,12 @@ from functools import cache
 from itertools import count as numbers
 
 import pytest
+import yaml
 from campaign_runs import tables
 from refusals import refused
 from report_work import change_row
 from running.test_runner import record
+from text_tables import answers_of
 
 from barn_eval.results.folder import ResultsFolder, read_results
 from barn_eval.results.rows import append_line
@@ -130,47 +132,42 @@ def test_another_robot_is_not_mixed_in(tmp_path):
         keep(tmp_path, GAP)
 
 
-@pytest.mark.parametrize(
-    "text, message",
-    [
-        ("{}", "schema_version must be 2 or 3 or 4 or 5 or 6 or 7, got None"),
-        ('{"schema_version": 8, "experiment": {}}', "or 5 or 6 or 7, got 8"),
-        ('{"schema_version": 2, "experiment": 3}', "describes no run"),
-        ('{"schema_version": 2, "experiment": {"planners": 3}}', "run.json: planners "),
-    ],
-)
+NO_RUNS = """
+{}
+    schema_version must be 2 or 3 or 4 or 5 or 6 or 7, got None
+{"schema_version": 8, "experiment": {}}
+    or 5 or 6 or 7, got 8
+{"schema_version": 2, "experiment": 3}
+    describes no run
+{"schema_version": 2, "experiment": {"planners": 3}}
+    run.json: planners
+"""
+
+
+@pytest.mark.parametrize("text, message", answers_of(NO_RUNS))
 def test_what_is_no_experiment_is_refused_in_one_line(tmp_path, text, message):
     (tmp_path / "run.json").write_text(text)
     with refused(message):
         RunFile.read(tmp_path).run_config()
 
 
-OBSERVED = {
-    "system": "lab",
-    "pose_source": "/odom",
-    "clock": "stamps",
-    "contact_source": "none",
-    "clearance_by": "",
-    "time_uncertainty_s": None,
-}
+CHANGES = r"""
+- [campaign_seed, 10, 'gap_w0000_r00 has campaign_seed 10, must have 3']
+- [simulator_seed, 7, 'gap_w0000_r00 has simulator_seed 7, must have ']
+- [planner_seed, 7, 'gap_w0000_r00 has planner_seed 7, must have ']
+- [repetition, 7, 'gap_w0000_r00 has repetition 7, must have 0']
+- - observed
+  - {system: lab, pose_source: /odom, clock: stamps, contact_source: none,
+     clearance_by: '', time_uncertainty_s: null}
+  - has observed ObservedTrial.*, must have None
+- [task, '000000000000', 'was run as task 000000000000, but run\.json describes']
+- - trial_id
+  - dwa_w0999_r00
+  - holds a result of dwa_w0999_r00, which is not a trial of this run
+"""
 
 
-@pytest.mark.parametrize(
-    "name, value, message",
-    [
-        ("campaign_seed", 10, "gap_w0000_r00 has campaign_seed 10, must have 3"),
-        ("simulator_seed", 7, "gap_w0000_r00 has simulator_seed 7, must have "),
-        ("planner_seed", 7, "gap_w0000_r00 has planner_seed 7, must have "),
-        ("repetition", 7, "gap_w0000_r00 has repetition 7, must have 0"),
-        ("observed", OBSERVED, r"has observed ObservedTrial.*, must have None"),
-        ("task", "0" * 12, r"was run as task 000000000000, but run\.json describes"),
-        (
-            "trial_id",
-            "dwa_w0999_r00",
-            "holds a result of dwa_w0999_r00, which is not a trial of this run",
-        ),
-    ],
-)
+@pytest.mark.parametrize("name, value, message", yaml.safe_load(CHANGES))
 def test_a_row_of_another_trial_is_refused(tmp_path, name, value, message):
     keep(tmp_path, GAP, 1)
     change_row(tmp_path, **{name: value})

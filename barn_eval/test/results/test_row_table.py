@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from results.test_rows import result
+from text_tables import rows_of
 
 from barn_eval.results import row_table
 from barn_eval.results.row_table import RowTable, column, join, parse_rows, take
@@ -56,28 +57,28 @@ def test_rows_come_back_from_columns_as_from_their_lines():
         np.testing.assert_array_equal(column(table, path), column(ROWS, path))
 
 
-@pytest.mark.parametrize(
-    "old, new",
-    [
-        ('"challenge":0.29,', ""),
-        ('"challenge":0.29', '"challenge": null'),
-        ('"challenge":0.29', '"challenge":NaN'),
-        ('"challenge":0.29', '"challenge":99999999999999999999'),
-        ('"challenge":0.29', '"challenge":0.29,"score":1'),
-        ('"challenge":0.29', '"challenge":"0.29"'),
-        ('"scored_time_s":10.1', '"scored_time_s":null'),
-        ('"task":"",', ""),
-        ('"task":""', '"task":"\\ud800"'),
-        ('"metric":""', '"metric":"","delays":null'),
-        ('"outcome":"success"', '"outcome":"won"'),
-        (f'"schema_version":{SCHEMA_VERSION}', '"schema_version":2'),
-        (
-            f'"schema_version":{SCHEMA_VERSION}',
-            f'"schema_version":{SCHEMA_VERSION + 1}',
-        ),
-        ('{"trial_id"', '{}{"trial_id"'),
-    ],
-)
+# NOW stands for the current schema, NEXT for the one after it.
+CHANGES = r"""
+"challenge":0.29,    |
+"challenge":0.29     | "challenge": null
+"challenge":0.29     | "challenge":NaN
+"challenge":0.29     | "challenge":99999999999999999999
+"challenge":0.29     | "challenge":0.29,"score":1
+"challenge":0.29     | "challenge":"0.29"
+"scored_time_s":10.1 | "scored_time_s":null
+"task":"",           |
+"task":""            | "task":"\ud800"
+"metric":""          | "metric":"","delays":null
+"outcome":"success"  | "outcome":"won"
+"schema_version":NOW | "schema_version":2
+"schema_version":NOW | "schema_version":NEXT
+{"trial_id"          | {}{"trial_id"
+"""
+CHANGES = CHANGES.replace("NOW", str(SCHEMA_VERSION))
+CHANGES = CHANGES.replace("NEXT", str(SCHEMA_VERSION + 1))
+
+
+@pytest.mark.parametrize("old, new", rows_of(CHANGES))
 def test_what_may_be_anything_else_is_read_line_by_line(old, new):
     line = to_json_line(FIRST)
     assert line.count(old) == 1

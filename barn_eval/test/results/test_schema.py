@@ -3,13 +3,11 @@
 import dataclasses
 import hashlib
 import json
-import shutil
 import typing
-from pathlib import Path
 
 import pytest
 import yaml
-from forgery import edit_run, forge, replace_text
+from forgery import edit_run, forge, replace_text, require_problems
 from planners import run_inline
 from refusals import refused
 from report_work import rewrite_rows
@@ -19,6 +17,7 @@ from barn_eval.results.folder import read_results
 from barn_eval.results.run_file import RunFile
 from barn_eval.trials.result import SCHEMA_VERSION, TrialResult
 from barn_eval.trials.run_config import ExecutionConfig, RunConfig
+from barn_eval.verification.check import check_folder
 from barn_worlds.base.errors import ExitCode
 
 # Hash of all keys of rows and run.json by schema. Where the keys have changed, raise
@@ -42,11 +41,6 @@ def keys_of(record, prefix=""):
         for kind in (hints[field.name], *typing.get_args(hints[field.name])):
             if dataclasses.is_dataclass(kind):
                 yield from keys_of(kind, f"{name}.")
-
-
-@pytest.fixture
-def folder(two_trials, tmp_path):
-    return Path(shutil.copytree(two_trials, tmp_path / "out"))
 
 
 def test_keys_that_change_raise_the_schema(two_trials):
@@ -87,33 +81,33 @@ def make_old(folder, change=lambda row: None):
     return folder
 
 
-def test_rows_of_an_older_folder_have_what_they_lack(folder):
-    rows = read_results(make_old(folder))
+def test_rows_of_an_older_folder_have_what_they_lack(trials_copy):
+    rows = read_results(make_old(trials_copy))
     assert [row.schema_version for row in rows] == [2, 2]
     assert [row.scores.failure_time_s for row in rows] == [100.0, 100.0]
 
 
-def test_an_older_folder_is_compared_and_reported(folder, command, succeed):
-    make_old(folder)
-    succeed(f"report {folder} --out report.html")
-    code, _, err = command(f"compare {folder} {folder}")
+def test_an_older_folder_is_compared_and_reported(trials_copy, command, succeed):
+    make_old(trials_copy)
+    succeed(f"report {trials_copy} --out report.html")
+    code, _, err = command(f"compare {trials_copy} {trials_copy}")
     assert (code, err) == (0, "")
-    assert barn.load(folder).summary["trials"].tolist() == [2]
+    assert barn.load(trials_copy).summary["trials"].tolist() == [2]
 
 
-def test_the_check_of_an_honest_older_folder_finds_nothing_wrong(folder):
-    report = barn.results.check(make_old(folder))
+def test_the_check_of_an_honest_older_folder_finds_nothing_wrong(trials_copy):
+    report = check_folder(make_old(trials_copy))
     assert report.problems == []
     assert report.unchecked[0].startswith("2 trials: not driven again, because their")
 
 
-def test_what_another_version_computes_is_not_called_wrong(folder):
+def test_what_another_version_computes_is_not_called_wrong(trials_copy):
     def change(row):
         row["measures"]["rms_jerk_mps3"] = 5.0
         row["scores"]["challenge"] = 0.4
 
-    make_old(folder, change)
-    report = barn.results.check(folder)
+    make_old(trials_copy, change)
+    report = check_folder(trials_copy)
     assert report.problems == []
     said = "2 trials: differ from what this version computes"
     (line,) = (line for line in report.unchecked if line.startswith(said))
@@ -121,10 +115,10 @@ def test_what_another_version_computes_is_not_called_wrong(folder):
     assert "(written at e6873c24, this is " in line
 
 
-def test_what_another_version_drove_is_not_submitted(folder, rejected):
-    make_old(folder)
-    (folder / "commands.jsonl").touch()
-    error = rejected(f"submit {folder}", ends=ExitCode.FINDINGS)
+def test_what_another_version_drove_is_not_submitted(trials_copy, rejected):
+    make_old(trials_copy)
+    (trials_copy / "commands.jsonl").touch()
+    error = rejected(f"submit {trials_copy}", ends=ExitCode.FINDINGS)
     assert "cannot be submitted" in error and "run.json: states task" in error
 
 
@@ -136,36 +130,36 @@ def test_what_another_version_drove_is_not_submitted(folder, rejected):
         ({"mode": "ros"}, "has mode 'ros', must have 'direct'"),
     ],
 )
-def test_no_row_excuses_itself_as_an_older_one(folder, change, words):
+def test_no_row_excuses_itself_as_an_older_one(trials_copy, change, words):
     def write(rows):
         rows[0]["measures"]["rms_jerk_mps3"] = 5.0
         rows[0] |= change
         return rows
 
-    rewrite_rows(folder, write)
-    assert any(words in line for line in barn.results.check(folder).problems)
+    rewrite_rows(trials_copy, write)
+    require_problems(trials_copy, words)
 
 
-def test_only_an_older_row_may_lack_a_score(folder):
+def test_only_an_older_row_may_lack_a_score(trials_copy):
     def write(rows):
         del rows[0]["scores"]["failure_time_s"]
         return rows
 
-    rewrite_rows(folder, write)
+    rewrite_rows(trials_copy, write)
     with refused("missing key 'scores"):
-        read_results(folder)
+        read_results(trials_copy)
 
 
-def test_run_json_cannot_pass_for_another_task(folder):
-    expected = RunFile.read(folder).task_fingerprint
-    with edit_run(folder) as content:
+def test_run_json_cannot_pass_for_another_task(trials_copy):
+    expected = RunFile.read(trials_copy).task_fingerprint
+    with edit_run(trials_copy) as content:
         content["code_versions"]["protocol"] = {"name": "another"}
-    assert RunFile.read(folder).task_fingerprint == expected
-    with edit_run(folder) as content:
+    assert RunFile.read(trials_copy).task_fingerprint == expected
+    with edit_run(trials_copy) as content:
         content["robot"] = "0" * 64
-    task = RunFile.read(folder).task_fingerprint
-    rewrite_rows(folder, lambda rows: [row | {"task": task} for row in rows])
-    report = barn.results.check(folder)
+    task = RunFile.read(trials_copy).task_fingerprint
+    rewrite_rows(trials_copy, lambda rows: [row | {"task": task} for row in rows])
+    report = check_folder(trials_copy)
     lines = "\n".join(report.problems + report.unchecked)
     computed = f"but this version computes {expected}"
     assert f"run.json: states task {task}, {computed}" in lines
@@ -183,15 +177,14 @@ def set_versions(folder, versions):
     "versions",
     [{}, {"physics": 0}, {"physics": True}, {"physics": 99}, {"physics": 1, "x": 1}],
 )
-def test_a_version_that_never_was_excuses_nothing(folder, versions):
-    forge(folder, scores__challenge=0.45)
-    set_versions(folder, versions)
-    problems = barn.results.check(folder).problems
-    for words in (
+def test_a_version_that_never_was_excuses_nothing(trials_copy, versions):
+    forge(trials_copy, scores__challenge=0.45)
+    set_versions(trials_copy, versions)
+    require_problems(
+        trials_copy,
         "belong to no version up to this one",
         "challenge is 0.45 in the row",
-    ):
-        assert any(words in line for line in problems)
+    )
 
 
 IMPOSSIBLE = """
@@ -204,56 +197,55 @@ IMPOSSIBLE = """
 
 
 @pytest.mark.parametrize("part, key, value, words", yaml.safe_load(IMPOSSIBLE))
-def test_no_version_excuses_what_never_can_be(folder, part, key, value, words):
+def test_no_version_excuses_what_never_can_be(trials_copy, part, key, value, words):
     def change(row):
         (row[part] if part else row)[key] = value
 
-    make_old(folder, change)
-    assert any(words in line for line in barn.results.check(folder).problems)
+    make_old(trials_copy, change)
+    require_problems(trials_copy, words)
 
 
-def test_an_older_row_of_another_task_than_run_json_is_named(folder):
-    make_old(folder, lambda row: row.update(task="0" * 12))
+def test_an_older_row_of_another_task_than_run_json_is_named(trials_copy):
+    make_old(trials_copy, lambda row: row.update(task="0" * 12))
     words = "was run as task 000000000000, but run.json describes"
-    assert any(words in line for line in barn.results.check(folder).problems)
+    require_problems(trials_copy, words)
 
 
-def test_only_another_world_may_be_the_doing_of_a_version(folder):
-    make_old(folder, lambda row: row.update(world_checksum="0" * 64))
-    report = barn.results.check(folder)
+def test_only_another_world_may_be_the_doing_of_a_version(trials_copy):
+    make_old(trials_copy, lambda row: row.update(world_checksum="0" * 64))
+    report = check_folder(trials_copy)
     assert report.problems == []
     assert any("has changed since gap" in line for line in report.unchecked)
 
 
-def test_tracks_and_commands_are_missing_in_any_version(folder):
-    with edit_run(folder) as content:
+def test_tracks_and_commands_are_missing_in_any_version(trials_copy):
+    with edit_run(trials_copy) as content:
         content["schema_version"] = 2
-    set_versions(folder, {})
-    (folder / "commands.jsonl").unlink()
-    (folder / "tracks.jsonl").unlink()
-    problems = barn.results.check(folder).problems
-    for words in ("its commands are missing", "has no track, though the robot drove"):
-        assert any(words in line for line in problems)
-
-
-def test_the_commit_in_a_message_is_a_commit(folder, rejected):
-    with edit_run(folder) as content:
-        content["sessions"][0]["commit"] = "0+\nerror: \x1b[2J"
-        content["schema_version"] = 9
-    assert "(written at an unknown commit, this is " in rejected(
-        f"check {folder}", ends=ExitCode.FINDINGS
+    set_versions(trials_copy, {})
+    (trials_copy / "commands.jsonl").unlink()
+    (trials_copy / "tracks.jsonl").unlink()
+    require_problems(
+        trials_copy, "its commands are missing", "has no track, though the robot drove"
     )
 
 
-def test_what_is_damaged_is_wrong_in_an_older_folder_as_well(folder):
-    make_old(folder)
-    replace_text(folder / "results.jsonl", "success", "Success")
-    problems = barn.results.check(folder).problems
-    assert any("damaged or edited" in line for line in problems)
+def test_the_commit_in_a_message_is_a_commit(trials_copy, rejected):
+    with edit_run(trials_copy) as content:
+        content["sessions"][0]["commit"] = "0+\nerror: \x1b[2J"
+        content["schema_version"] = 9
+    assert "(written at an unknown commit, this is " in rejected(
+        f"check {trials_copy}", ends=ExitCode.FINDINGS
+    )
 
 
-def test_settings_of_ros_are_no_identity_in_mode_direct(folder):
-    with edit_run(folder) as content:
+def test_what_is_damaged_is_wrong_in_an_older_folder_as_well(trials_copy):
+    make_old(trials_copy)
+    replace_text(trials_copy / "results.jsonl", "success", "Success")
+    require_problems(trials_copy, "damaged or edited")
+
+
+def test_settings_of_ros_are_no_identity_in_mode_direct(trials_copy):
+    with edit_run(trials_copy) as content:
         content["schema_version"] = 2
         del content["experiment"]["ros"]["isolate"]
 
@@ -261,24 +253,24 @@ def test_settings_of_ros_are_no_identity_in_mode_direct(folder):
         rows[0]["schema_version"] = 2
         return rows[:1]
 
-    rewrite_rows(folder, write)
-    results = run_inline("0,120", out=folder)
+    rewrite_rows(trials_copy, write)
+    results = run_inline("0,120", out=trials_copy)
     assert [row.schema_version for row in results.trials] == [2, SCHEMA_VERSION]
-    assert RunFile.read(folder).schema_version == SCHEMA_VERSION
-    report = barn.results.check(folder)
+    assert RunFile.read(trials_copy).schema_version == SCHEMA_VERSION
+    report = check_folder(trials_copy)
     assert (report.problems, report.driven) == ([], 2)
 
 
-def test_results_of_another_physics_are_not_mixed(folder):
-    rewrite_rows(make_old(folder), lambda rows: rows[:1])
+def test_results_of_another_physics_are_not_mixed(trials_copy):
+    rewrite_rows(make_old(trials_copy), lambda rows: rows[:1])
     with refused("physics is not set there, 1 here") as error:
-        run_inline("0,120", out=folder)
+        run_inline("0,120", out=trials_copy)
     assert "(written at e6873c24, this is " in str(error.value)
 
 
-def test_another_configuration_is_refused_with_the_commits(folder, rejected):
-    make_old(folder)
-    error = rejected(f"run --planner gap --worlds 0,120 --seed 8 --out {folder}")
+def test_another_configuration_is_refused_with_the_commits(trials_copy, rejected):
+    make_old(trials_copy)
+    error = rejected(f"run --planner gap --worlds 0,120 --seed 8 --out {trials_copy}")
     assert "protocol.name is 'short' there, 'challenge' here" in error
     assert "(written at e6873c24, this is " in error
 
@@ -291,18 +283,18 @@ def test_another_configuration_is_refused_with_the_commits(folder, rejected):
     ],
 )
 def test_a_folder_that_cannot_be_read_is_named_with_its_commit(
-    folder, rejected, old, new, words
+    trials_copy, rejected, old, new, words
 ):
-    with edit_run(folder) as content:
+    with edit_run(trials_copy) as content:
         content["sessions"][0]["commit"] = OLD_COMMIT
         content["schema_version"] = 2
-    replace_text(folder / "run.json", old, new)
-    error = rejected(f"check {folder}", ends=ExitCode.FINDINGS)
+    replace_text(trials_copy / "run.json", old, new)
+    error = rejected(f"check {trials_copy}", ends=ExitCode.FINDINGS)
     assert words in error
     assert "(written at e6873c24, this is " in error
 
 
-def test_a_row_that_cannot_be_read_is_named_with_its_commit(folder, rejected):
-    make_old(folder, lambda row: row.pop("outcome"))
-    error = rejected(f"compare {folder} {folder}")
+def test_a_row_that_cannot_be_read_is_named_with_its_commit(trials_copy, rejected):
+    make_old(trials_copy, lambda row: row.pop("outcome"))
+    error = rejected(f"compare {trials_copy} {trials_copy}")
     assert "results.jsonl, line 1: missing key 'outcome' (written at e6873c24" in error

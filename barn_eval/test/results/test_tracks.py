@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+import yaml
 from refusals import refused
 from report_work import recorded_track
 
@@ -136,23 +137,26 @@ def test_a_line_of_something_else_is_refused_by_its_number(tmp_path):
         TrialLines(path)
 
 
+DAMAGED = """
+- [{schema_version: 2}, 'schema_version must be 1, got 2']
+- [{trial_id: 5}, trial_id is missing]
+- [{zlib: '?'}, packed arrays are damaged]
+- [{zlib: AAAA}, packed arrays are damaged]
+- [{arrays: {samples: [Int16Array, 0, 1000000000]}}, do not match their layout]
+- [{arrays: {samples: [Int16Array, -4, 9]}}, do not match their layout]
+- [{arrays: {}}, do not fit together]
+- [{steps: [1, 1, 1, 1, 1, 1, 1, 1]}, 'steps must be one number per channel, each']
+- [{steps: [[1], 1, 1, 1, 1, 1, 1, 1, 1]}, 'steps must be one number per channel, each']
+- - {steps: [1, 1, 1, 1, 1, 1, 1, 1, 1.0e+31]}
+  - steps must be one number per channel, each
+- [{steps: [.nan, .nan, .nan]}, 'numbers must be finite, got NaN']
+"""
+
+
 @pytest.mark.parametrize(
     "changes, words",
     [
-        ({"schema_version": 2}, "schema_version must be 1, got 2"),
-        ({"trial_id": 5}, "trial_id is missing"),
-        ({"zlib": "?"}, "packed arrays are damaged"),
-        ({"zlib": "AAAA"}, "packed arrays are damaged"),
-        (
-            {"arrays": {"samples": ["Int16Array", 0, 10**9]}},
-            "do not match their layout",
-        ),
-        ({"arrays": {"samples": ["Int16Array", -4, 9]}}, "do not match their layout"),
-        ({"arrays": {}}, "do not fit together"),
-        ({"steps": [1.0] * 8}, "steps must be one number per channel, each"),
-        ({"steps": [[1.0], *[1.0] * 8]}, "steps must be one number per channel, each"),
-        ({"steps": [1.0] * 8 + [1e31]}, "steps must be one number per channel, each"),
-        ({"steps": [float("nan")] * 9}, "numbers must be finite, got NaN"),
+        *yaml.safe_load(DAMAGED),
         (
             pack_arrays({"samples": np.zeros(9_000_000, "i2")}),
             "cut off, or have more than",

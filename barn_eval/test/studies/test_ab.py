@@ -4,6 +4,7 @@ import json
 
 import pytest
 from refusals import refused
+from text_tables import rows_of
 
 from barn_eval.running.reporting import Reporter
 from barn_eval.studies import ab as studied
@@ -19,10 +20,11 @@ def side(text, command="", base="dwa"):
 
 @pytest.fixture
 def workspace(tmp_path):
-    (tmp_path / "ws" / "install" / "lib").mkdir(parents=True)
-    (tmp_path / "ws" / "install" / "setup.bash").write_text("true\n")
-    (tmp_path / "ws" / "install" / "lib" / "plugin.so").write_bytes(b"one")
-    return tmp_path / "ws"
+    install = tmp_path / "ws" / "install"
+    (install / "lib").mkdir(parents=True)
+    (install / "setup.bash").write_text("true\n")
+    (install / "lib" / "plugin.so").write_bytes(b"one")
+    return install.parent
 
 
 def test_a_planner_of_the_suite_is_given_with_its_settings():
@@ -56,18 +58,18 @@ def test_a_parameter_file_wins_and_is_known_by_content(tmp_path):
     first = side(str(file), command)
     assert first.config.planners[0].command == f"{command} --params-file {file}"
     (named,) = side(str(file), f"mine={command}").config.planners
-    assert (named.name, named.command) == ("mine", f"{command} --params-file {file}")
+    assert (named.name, named.command) == ("mine", first.config.planners[0].command)
     file.write_text("a: 2\n")
     assert side(str(file), command).out != first.out
 
 
 def test_both_commands_drive_as_base_with_equal_seeds():
-    requests = [
-        side(text, base="python base.py")
-        for text in ("python base.py", "python head.py")
-    ]
-    assert [request.config.planners[0].name for request in requests] == ["base", "base"]
-    assert requests[0].out != requests[1].out
+    base, head = (
+        side(f"python {name}.py", base="python base.py") for name in ("base", "head")
+    )
+    for request in (base, head):
+        assert request.config.planners[0].name == "base"
+    assert base.out != head.out
 
 
 def test_a_file_of_a_run_is_a_side(tmp_path):
@@ -78,19 +80,15 @@ def test_a_file_of_a_run_is_a_side(tmp_path):
     assert side(str(file)).config.planners[0].overrides == {"max_speed_mps": 0.4}
 
 
-@pytest.mark.parametrize(
-    "text, command, words",
-    [
-        (
-            "no_such_program --fast",
-            "",
-            "is not a workspace, file, planner of the suite or command",
-        ),
-        ("dwa,dwa.path_weight", "", "must be key=value"),
-        (".", "run me", "no setup.bash"),
-        ("ws", "", "a workspace needs --planner-command"),
-    ],
-)
+NO_SIDES = """
+no_such_program --fast |        | is not a workspace, file, planner of the suite or command
+dwa,dwa.path_weight    |        | must be key=value
+.                      | run me | no setup.bash
+ws                     |        | a workspace needs --planner-command
+"""
+
+
+@pytest.mark.parametrize("text, command, words", rows_of(NO_SIDES))
 def test_what_is_nothing_is_refused_in_one_line(
     text, command, words, workspace, monkeypatch
 ):
@@ -125,10 +123,9 @@ def test_a_verdict_tells_how_far_it_went(tmp_path):
     conclusion = ab(
         "gap", "gap,margin_m=0.031", "", OPTIONS | {"out": tmp_path}, Reporter()
     )
-    assert isinstance(conclusion, AbResult) and conclusion.decision in (
-        "futile",
-        "open",
-    )
-    assert f"after {conclusion.worlds} of 6 worlds" in conclusion.markdown()
-    assert "difference is significant" in conclusion.markdown()
-    assert f"\nOnly {conclusion.worlds} worlds: " in conclusion.markdown()
+    assert isinstance(conclusion, AbResult)
+    assert conclusion.decision in ("futile", "open")
+    text = conclusion.markdown()
+    assert f"after {conclusion.worlds} of 6 worlds" in text
+    assert "difference is significant" in text
+    assert f"\nOnly {conclusion.worlds} worlds: " in text

@@ -14,7 +14,7 @@ from barn_eval.results.folder import read_results
 from barn_eval.running.reporting import Reporter
 from barn_eval.running.run import Run
 from barn_eval.studies import tune as tuning
-from barn_eval.studies.tune import Ranges, tune
+from barn_eval.studies.tune import Ranges
 
 RANGES = {
     "max_speed_mps": {"low": 0.2, "high": 1.0},
@@ -32,9 +32,8 @@ def ranges_file(folder, parameters=RANGES, **fields):
 
 def tuned(folder, out="out", by=(), parameters=RANGES, settings=4, unseen="1,4"):
     ranges = Ranges.read(ranges_file(folder, parameters))
-    return tune(
-        ranges, OPTIONS | {"out": folder / out}, unseen, by, settings, Reporter()
-    )
+    options = OPTIONS | {"out": folder / out}
+    return tuning.Tuner(ranges, options, by, unseen, Reporter()).tune(settings)
 
 
 @pytest.mark.parametrize(

@@ -5,24 +5,33 @@ is named.
 import json
 import shutil
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet
 import pytest
-from forgery import edit_run, forge, replace_text, rewrite_bag, without_bags, won
+import yaml
+from forgery import (
+    edit_run,
+    forge,
+    replace_text,
+    require_problems,
+    rewrite_bag,
+    without_bags,
+    won,
+)
 from planners import run_inline
 from refusals import refused
 from report_work import change_row
+from results.test_commands import packed
 
 import barn_eval as barn
 from barn_eval.results.bags.recorder import Recorder
 from barn_eval.results.commands import parse_commands_line
-from barn_eval.results.rows import COMMANDS_FILE, seal_line, unseal_line
-from barn_eval.results.tracks import pack_arrays
+from barn_eval.results.rows import COMMANDS_FILE, append_line, unseal_line
 from barn_eval.trials import spec
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.result import Outcome
+from barn_eval.verification.check import check_folder
 from barn_eval.verification.plausibility import find_difference
 from barn_worlds.messages import decode
 from barn_worlds.messages.encode import OdometryEncoder
@@ -63,7 +72,25 @@ def write_long_table(path):
 def test_an_unfinished_folder_is_good_as_far_as_it_goes(folder):
     rows = (folder / "results.jsonl").read_text().splitlines(keepends=True)
     (folder / "results.jsonl").write_text(rows[0] + rows[1][:40])
-    assert barn.results.check(folder).problems == []
+    assert check_folder(folder).problems == []
+
+
+# Of a row: its position, what is changed in it, and what is said.
+CHANGES = """
+- [1, {trial_id: gap_w0009_r00}, gap_w0009_r00 is not a trial of this run]
+- [1, {world_checksum: '0'}, world 120 has changed since gap_w0120_r00 ran in it]
+- [0, {scores__challenge: 0.5}, challenge of gap_w0000_r00 differs from its row]
+- [0, {detail: won}, "detail is 'won' in the row, "]
+- [0, {measures__min_clearance_m: 9.0}, 'm in the track, 9.000 m in the row']
+- [0, {measures__driven_m: 0.1}, 'm in the track, 0.10 m in the row']
+- [0, {measures__contacts: 3}, has 3 contacts in the row; the track disagrees]
+"""
+
+
+@pytest.mark.parametrize("place, change, words", yaml.safe_load(CHANGES))
+def test_a_row_that_was_changed_is_named(folder, command, place, change, words):
+    change_row(folder, place, **change)
+    require_finding(folder, command, words)
 
 
 @pytest.mark.parametrize(
@@ -72,31 +99,6 @@ def test_an_unfinished_folder_is_good_as_far_as_it_goes(folder):
         (
             lambda out: replace_text(out / "results.jsonl", "success", "Success"),
             "results.jsonl, line 1: damaged or ed",
-        ),
-        (
-            lambda out: change_row(out, 1, trial_id="gap_w0009_r00"),
-            "gap_w0009_r00 is not a trial of this run",
-        ),
-        (
-            lambda out: change_row(out, 1, world_checksum="0"),
-            "world 120 has changed since gap_w0120_r00 ran in it",
-        ),
-        (
-            lambda out: change_row(out, 0, scores__challenge=0.5),
-            "challenge of gap_w0000_r00 differs from its row",
-        ),
-        (lambda out: change_row(out, 0, detail="won"), "detail is 'won' in the row, "),
-        (
-            lambda out: change_row(out, 0, measures__min_clearance_m=9.0),
-            "m in the track, 9.000 m in the row",
-        ),
-        (
-            lambda out: change_row(out, 0, measures__driven_m=0.1),
-            "m in the track, 0.10 m in the row",
-        ),
-        (
-            lambda out: change_row(out, 0, measures__contacts=3),
-            "has 3 contacts in the row; the track disagrees",
         ),
         (
             lambda out: replace_text(out / "tracks.jsonl", "zlib", "Zlib"),
@@ -138,6 +140,11 @@ def test_an_unfinished_folder_is_good_as_far_as_it_goes(folder):
 )
 def test_what_does_not_belong_together_is_named(folder, command, change, words):
     change(folder)
+    require_finding(folder, command, words)
+
+
+def require_finding(folder, command, words):
+    """See that `barn check` names a problem, in short lines that begin with the path."""
     code, _, err = command(f"check {folder}")
     lines = err.splitlines()
     assert code == 1 and any(words in line for line in lines)
@@ -146,7 +153,7 @@ def test_what_does_not_belong_together_is_named(folder, command, change, words):
 
 def test_a_folder_without_any_bags_is_honest(folder):
     shutil.rmtree(folder / "bags")
-    check = barn.results.check(folder)
+    check = check_folder(folder)
     assert (check.problems, check.driven) == ([], 2)
     assert check.unchecked == ["2 trials: have no bag"]
 
@@ -164,9 +171,9 @@ def test_only_the_bag_of_a_trial_that_never_began_may_be_empty(folder):
     shutil.rmtree(path)
     with Recorder(path) as recorder:
         recorder.finish()
-    assert barn.results.check(folder).problems == [f"{path}: the bag is empty"]
+    assert check_folder(folder).problems == [f"{path}: the bag is empty"]
     change_row(folder, 0, measures__driven_m=0.0)
-    problems = barn.results.check(folder).problems
+    problems = check_folder(folder).problems
     assert not any("empty" in problem for problem in problems)
 
 
@@ -205,7 +212,7 @@ def test_a_bound_by_averages_warns_and_accuses_nobody(driven, monkeypatch):
     """Tires may slide further than the bound assumes, and the row is honest then."""
     monkeypatch.setitem(spec.WHEEL_SLIP, "skid_steer", -0.2)
     folder = run_inline("0", out=driven.parent / "slid", protocol=CHALLENGE).folder
-    report = barn.results.check(folder)
+    report = check_folder(folder)
     assert (report.problems, report.unchecked) == ([], [])
     (note,) = report.notes
     assert note.endswith("was faster than the bound")
@@ -214,7 +221,7 @@ def test_a_bound_by_averages_warns_and_accuses_nobody(driven, monkeypatch):
 def test_a_folder_without_sessions_is_no_run(folder):
     with edit_run(folder) as content:
         content["sessions"] = []
-    assert "lists no session" in " ".join(barn.results.check(folder).problems)
+    assert "lists no session" in " ".join(check_folder(folder).problems)
 
 
 def test_a_command_where_none_was_due_is_a_finding(tmp_path):
@@ -227,95 +234,98 @@ def test_a_command_where_none_was_due_is_a_finding(tmp_path):
     commands = commands.copy()
     assert np.isnan(commands[1, 0])
     commands[1] = 0.1
-    content = {"trial_id": trial_id} | pack_arrays({"commands": commands.ravel()})
-    path.write_text(seal_line(json.dumps(content)) + "\n")
-    problems = barn.results.check(folder).problems
-    assert any("0.05 s, when none was due" in problem for problem in problems)
+    path.unlink()
+    append_line(path, packed(commands, trial_id))
+    require_problems(folder, "0.05 s, when none was due")
 
 
 # What somebody does to a collision who would rather have won.
-FORGERIES = {
-    "a challenge score of 7": (
-        {"scores__challenge": 7.0},
-        "scores.challenge is 7.0 in the row, 0.0 comp",
-    ),
-    "a time below zero": (
-        {"scores__traversal_time_s": -5.0},
-        "scores.traversal_time_s is -5, must be 0",
-    ),
+FORGERIES = """
+a challenge score of 7:
+- {scores__challenge: 7.0}
+- scores.challenge is 7.0 in the row, 0.0 comp
+a time below zero:
+- {scores__traversal_time_s: -5.0}
+- scores.traversal_time_s is -5, must be 0
+another time on the clock:
+- {scores__traversal_time_s: 0.5}
+- traversal_time_s is 0.50 in the row
+more room:
+- {measures__min_clearance_m: 0.3}
+- in the track, 0.300 m in the row
+a shorter way:
+- {measures__driven_m: 0.2}
+- m in the track, 0.20 m in the row
+no contact:
+- {measures__contacts: 0}
+- has 0 contacts in the row
+another speed cap:
+- {speed_cap_mps: 0.5}
+- speed_cap_mps is 0.5 in the row
+more recoveries:
+- {recoveries: 99999}
+- recoveries is 99999, must
+a remark:
+- {remarks: fast}
+- remarks is 'fast' in the row
+no turns:
+- {measures__rotation_rad: 0.0}
+- rotation_rad is 0.0
+steady commands:
+- {measures__turn_variation_radps: 0.0}
+- turn_variation_radps is 0.0
+less room on average:
+- {measures__mean_clearance_m: 0.125}
+- mean_clearance_m is 0.125
+nobody's fault:
+- {fault: environment}
+- fault is 'environment' in the row
+"""
+FORGERIES = yaml.safe_load(FORGERIES) | {
     "a success": (won, "outcome is success in the row, but the track"),
     "a success too fast for the robot": (
         lambda row: won(row, 3.0),
         "outcome is success in the row, but the track",
     ),
-    "another time on the clock": (
-        {"scores__traversal_time_s": 0.5},
-        "traversal_time_s is 0.50 in the row",
-    ),
-    "more room": (
-        {"measures__min_clearance_m": 0.3},
-        "in the track, 0.300 m in the row",
-    ),
-    "a shorter way": ({"measures__driven_m": 0.2}, "m in the track, 0.20 m in the row"),
-    "no contact": ({"measures__contacts": 0}, "has 0 contacts in the row"),
-    "another speed cap": ({"speed_cap_mps": 0.5}, "speed_cap_mps is 0.5 in the row"),
-    "more recoveries": ({"recoveries": 99_999}, "recoveries is 99999, must"),
-    "a remark": ({"remarks": "fast"}, "remarks is 'fast' in the row"),
-    "no turns": ({"measures__rotation_rad": 0.0}, "rotation_rad is 0.0"),
-    "steady commands": (
-        {"measures__turn_variation_radps": 0.0},
-        "turn_variation_radps is 0.0",
-    ),
-    "less room on average": (
-        {"measures__mean_clearance_m": 0.125},
-        "mean_clearance_m is 0.125",
-    ),
     "long near obstacles": (
         lambda row: {"measures__near_contact_s": row.scores.duration_s},
         "near_contact_s is ",
     ),
-    "nobody's fault": ({"fault": "environment"}, "fault is 'environment' in the row"),
 }
 
 
 @pytest.mark.parametrize("records", ["bags and commands", "commands", "tracks"])
 @pytest.mark.parametrize("name", FORGERIES)
-def test_consistent_forgeries_are_still_detected(collided, tmp_path, name, records):
+def test_consistent_forgeries_are_still_detected(collided_copy, name, records):
     changes, words = FORGERIES[name]
-    folder = Path(shutil.copytree(collided, tmp_path / "out"))
     if records != "bags and commands":
-        without_bags(folder)
+        without_bags(collided_copy)
     if records == "tracks":
-        (folder / "commands.jsonl").unlink()
-        report = barn.results.check(folder)
-        missing = f"{folder}: straight_w0120_r00: its commands are missing"
+        (collided_copy / "commands.jsonl").unlink()
+        report = check_folder(collided_copy)
+        missing = f"{collided_copy}: straight_w0120_r00: its commands are missing"
         reason = "1 trials: not driven again, because their commands are missing"
         assert (report.driven, report.problems) == (0, [missing])
         assert report.unchecked[0].startswith(reason)
     else:
-        report = barn.results.check(folder)
+        report = check_folder(collided_copy)
         assert (report.driven, report.problems, report.unchecked) == (1, [], [])
     if callable(changes):
-        changes = changes(barn.load(folder).trials[0])
-    forge(folder, **changes)
-    problems = barn.results.check(folder).problems
-    assert any(words in problem for problem in problems), problems
+        changes = changes(barn.load(collided_copy).trials[0])
+    forge(collided_copy, **changes)
+    require_problems(collided_copy, words)
 
 
-def test_a_failure_does_not_become_the_environments(collided, tmp_path):
+def test_a_failure_does_not_become_the_environments(collided_copy):
     """Such a trial would not be scored, and be driven again."""
-    folder = without_bags(Path(shutil.copytree(collided, tmp_path / "out")))
+    folder = without_bags(collided_copy)
     forge(folder, outcome="environment_failed", fault="environment")
-    problems = barn.results.check(folder).problems
-    assert any(
-        "outcome is 'environment_failed' in the row" in line for line in problems
-    )
+    require_problems(folder, "outcome is 'environment_failed' in the row")
 
 
-def test_a_bag_that_its_commands_do_not_give_is_rejected(collided, tmp_path):
-    folder = Path(shutil.copytree(collided, tmp_path / "out"))
-    row = barn.load(folder).trials[0]
-    (bag,) = (folder / "bags").iterdir()
+def test_a_bag_that_its_commands_do_not_give_is_rejected(collided_copy):
+    row = barn.load(collided_copy).trials[0]
+    (bag,) = (collided_copy / "bags").iterdir()
 
     def shifted(message):
         if message.topic != GROUND_TRUTH.path:
@@ -325,7 +335,7 @@ def test_a_bag_that_its_commands_do_not_give_is_rejected(collided, tmp_path):
         return OdometryEncoder("map", "base_link").encode(moved, true.stamp_ns)
 
     rewrite_bag(bag, shifted, row.repeatable())
-    problems = barn.results.check(folder).problems
+    problems = check_folder(collided_copy).problems
     (problem,) = (line for line in problems if "give a different trajectory" in line)
     assert problem.endswith(
         "its commands, driven again, give a different trajectory from 0.00 s on, up to 0.002 m away"

@@ -11,19 +11,20 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+import yaml
 from forgery import forge, replace_text, won
 from planners import run_inline
-from waiting import run_python
+from waiting import ROOT, run_python
 
 import barn_eval as barn
 from barn_eval.analysis.leaderboard import make_boards
 from barn_eval.results.rows import seal_line, unseal_line
 from barn_eval.running import direct
 from barn_eval.trials.protocol import CHALLENGE
+from barn_eval.verification.check import check_folder
 from barn_eval.verification.submission import submit
 from barn_worlds.base.errors import ExitCode
 
-ROOT = Path(__file__).resolve().parents[3]
 DIGEST = "sha256:" + "ab" * 32
 
 
@@ -63,7 +64,7 @@ def test_what_was_submitted_holds_and_is_a_folder_again(
     expected |= {"protocol": "challenge", "container": DIGEST}
     assert content | expected == content
     assert (kept / "results.csv").read_bytes() == (run / "results.csv").read_bytes()
-    assert barn.results.check(kept).problems == []
+    assert check_folder(kept).problems == []
     assert "kept only claims versions" in make_boards([kept])[0].notes[-1]
     said = "1 of 1 rows, 1 tracks, 0 bags, 1 driven again\nholds\n"
     assert command(f"verify {submitted}")[1].endswith(said)
@@ -137,7 +138,7 @@ def test_another_planner_under_the_name_of_one_does_not_hold(
     tmp_path, monkeypatch, command
 ):
     folder, path = drive_as_dwa(tmp_path / "alone", monkeypatch, ["dwa"])
-    assert barn.results.check(folder).problems == []
+    assert check_folder(folder).problems == []
     code, out, err = command(f"verify {path}")
     assert (code, out.splitlines()[-1]) == (1, "does not hold")
     assert "dwa_w0000_r00: dwa drives otherwise: " in err
@@ -146,7 +147,7 @@ def test_another_planner_under_the_name_of_one_does_not_hold(
 
 def test_equal_commands_of_two_planners_are_named(tmp_path, monkeypatch, command):
     folder, path = drive_as_dwa(tmp_path / "twins", monkeypatch, ["gap", "dwa"])
-    report = barn.results.check(folder)
+    report = check_folder(folder)
     words = "dwa and gap have equal commands in 1 trials"
     assert (report.problems, report.notes) == ([], [f"{folder}: {words}"])
     (board,) = make_boards([folder])
@@ -167,50 +168,36 @@ def test_a_row_of_a_planner_that_was_not_run_is_named(submitted, tmp_path, comma
     assert "other_w0000_r00 is not a trial of this run" in err
 
 
-def leave(files):
-    """Change no file of a submission."""
+# What is done to the files of a submission or to its content, and what is said.
+NO_SUBMISSIONS = """
+- {add: ../evil.txt, words: "'../evil.txt', which is not part of a submission"}
+- {add: /etc/evil, words: "holds '/etc/evil', which is not part"}
+- {add: parameters/../../a, words: which is not part of a submission}
+- {add: worlds.npz, size: 16777216, words: unpacks to 16777216}
+- {remove: tracks.jsonl, words: 'not a submission: no tracks.jsonl'}
+- {content: {schema_version: 2}, words: schema_version must be 1}
+- {content: {files: {}}, words: its list of files does not match the archive}
+- {content: {container: latest}, words: "container 'latest' is not a digest"}
+- {old: '"barn300"', new: '"/etc"', words: dataset}
+- {old: '"barn_sim": "', new: '"barn_sim": "9.', words: "was made with barn_sim '9."}
+"""
 
 
-def with_file(name, size=0):
-    """Return what adds a file of zeros to a submission's files."""
-    return lambda files: files.update({name: bytes(size)})
-
-
-def in_run(old, new):
-    """Return what changes a text in the run.json of a submission's files."""
-    return lambda files: files.update(
-        {"run.json": files["run.json"].replace(old.encode(), new.encode())}
-    )
-
-
-@pytest.mark.parametrize(
-    "change, changes, words",
-    [
-        (
-            with_file("../evil.txt"),
-            {},
-            "'../evil.txt', which is not part of a submission",
-        ),
-        (with_file("/etc/evil"), {}, "holds '/etc/evil', which is not part"),
-        (with_file("parameters/../../a"), {}, "which is not part of a submission"),
-        (with_file("worlds.npz", 1 << 24), {}, "unpacks to 16777216"),
-        (
-            lambda files: files.pop("tracks.jsonl"),
-            {},
-            "not a submission: no tracks.jsonl",
-        ),
-        (leave, {"schema_version": 2}, "schema_version must be 1"),
-        (leave, {"files": {}}, "its list of files does not match the archive"),
-        (leave, {"container": "latest"}, "container 'latest' is not a digest"),
-        (in_run('"barn300"', '"/etc"'), {}, "dataset"),
-        (in_run('"barn_sim": "', '"barn_sim": "9.'), {}, "was made with barn_sim '9."),
-    ],
-)
+@pytest.mark.parametrize("case", yaml.safe_load(NO_SUBMISSIONS))
 def test_what_is_no_submission_is_refused_in_one_line(
-    submitted, rejected, tmp_path, change, changes, words
+    submitted, rejected, tmp_path, case
 ):
-    path = rewritten(submitted, tmp_path / "again.barn.zip", change, **changes)
-    assert words in rejected(f"verify {path}", ends=ExitCode.FINDINGS)
+    def change(files):
+        if "add" in case:
+            files[case["add"]] = bytes(case.get("size", 0))
+        files.pop(case.get("remove"), None)
+        text = files["run.json"].decode()
+        text = text.replace(case.get("old", ""), case.get("new", ""))
+        files["run.json"] = text.encode()
+
+    content = case.get("content", {})
+    path = rewritten(submitted, tmp_path / "again.barn.zip", change, **content)
+    assert case["words"] in rejected(f"verify {path}", ends=ExitCode.FINDINGS)
 
 
 def test_a_file_that_is_cut_off_or_no_zip_is_refused_in_one_line(

@@ -41,14 +41,13 @@ from barn_eval.pages.figures import (
     look_numbers,
     plain_text,
 )
-from barn_eval.pages.report.trials import DrivenTrial
+from barn_eval.pages.report.trials import DrivenTrial, read_trials
 from barn_eval.results.row_table import column, join
 from barn_eval.running.setting_folders import LATENCY, format_setting_value
 from barn_eval.trials.result import Outcome, Rows
 from barn_metrics.bootstrap import Interval
 from barn_worlds.base.arrays import Floats
 from barn_worlds.drawing.palette import BROKEN, INK
-from barn_worlds.worlds.world import World
 
 _RANK_LABEL = "world, from easy to difficult [rank]"
 # Above so many worlds per inch their numbers do not fit below the axis.
@@ -80,9 +79,6 @@ class ChartData:
     compute_overview: Callable[[], Overview]
     """Computes what `overview` is."""
 
-    compute_trials: Callable[[], tuple[list[DrivenTrial], dict[str, World]]]
-    """Reads what `driven` is."""
-
     hardest: int
     """Number of the hardest worlds that are drawn as maps."""
 
@@ -92,9 +88,9 @@ class ChartData:
         return self.compute_overview()
 
     @cached_property
-    def driven(self) -> tuple[list[DrivenTrial], dict[str, World]]:
-        """All trials by entry, and available worlds by checksum; read when needed."""
-        return self.compute_trials()
+    def trials(self) -> list[DrivenTrial]:
+        """All trials in the order of the entries, read on first access."""
+        return read_trials(self.entries)
 
     @property
     def look_numbers(self) -> list[int]:
@@ -307,8 +303,7 @@ def _outcomes(data: ChartData, make_panels: MakePanels) -> Handles:
     patches = {}
     for number, (axes, group) in enumerate(zip(panels, groups, strict=True)):
         # Bars by outcome, each of the trials of one world that ended in it.
-        bars: dict[Outcome, list[Floats]] = {}
-        tips: dict[Outcome, list[Tip]] = {}
+        bars: dict[Outcome, list[tuple[Any, Tip]]] = {}
         for world, outcomes in group.items():
             if world not in places:
                 continue
@@ -321,14 +316,14 @@ def _outcomes(data: ChartData, make_panels: MakePanels) -> Handles:
                 bar = [(left, top), (left + 1.0, top)]
                 top += count
                 bar += [(left + 1.0, top), (left, top)]
-                bars.setdefault(outcome, []).append(np.array(bar))
                 text = f"world {world}: {count} of {len(outcomes)} {outcome.words}"
                 tip = (text, number, world, outcome.value)
-                tips.setdefault(outcome, []).append(tip)
-        for outcome, corners in bars.items():
+                bars.setdefault(outcome, []).append((bar, tip))
+        for outcome, parts in bars.items():
+            corners, tips = zip(*parts, strict=True)
             color = OUTCOME_COLORS[outcome]
             areas = PolyCollection(corners, color=color, linewidth=0.3)
-            add_tips(areas, tips[outcome])
+            add_tips(areas, tips)
             axes.add_collection(areas)
             name = outcome.words if color != BROKEN else "other failure"
             # Outcomes of one name have one color, so the legend has them once.

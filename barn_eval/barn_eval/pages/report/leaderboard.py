@@ -113,7 +113,7 @@ def board_table(board: Board) -> TextTable:
             " Planners share a rank (=) unless all above are clearly better than all "
             "below: by a test over whole worlds, at 5% after Holm for all pairs."
         )
-    return TextTable("leaderboard", board.title, columns, tuple(rows), 2, caption)
+    return TextTable("leaderboard", board.title, columns, rows, 2, caption)
 
 
 def _escape_markdown(text: str) -> str:

@@ -76,18 +76,14 @@ def order_by_contrast(entries: Sequence[Entry], order: WorldOrder) -> list[int]:
 
 
 def select_worlds(
-    numbers: Iterable[int],
-    trials: Iterable[DrivenTrial],
-    worlds: Mapping[str, World],
-    count: int,
+    numbers: Iterable[int], trials: Iterable[DrivenTrial], count: int
 ) -> dict[int, tuple[World, list[DrivenTrial]]]:
     """Return the first `count` available worlds with all their trials, by number.
 
     Args:
         numbers: Numbers of worlds, in order of preference.
-        trials: Trials in any worlds.
-        worlds: Available worlds by checksum. A number that means different worlds in
-            different trials is left out.
+        trials: Trials in any worlds. A number that means different worlds in different
+            trials is left out, and so is a world that cannot be read.
         count: Number of worlds at most.
     """
     groups: dict[int, list[DrivenTrial]] = {}
@@ -99,19 +95,18 @@ def select_worlds(
             break
         inside = groups.get(number, [])
         checksums = {trial.result.world_checksum for trial in inside}
-        if len(checksums) == 1 and checksums <= worlds.keys():
-            selection[number] = (worlds[checksums.pop()], inside)
+        if len(checksums) == 1 and isinstance(inside[0].world, World):
+            selection[number] = (inside[0].world, inside)
     return selection
 
 
 @chart("The trails of all planners in the world where they differ most")
 def _trails(data: ChartData, make_panels: MakePanels) -> Sequence[Line2D]:
     """Draw a map of one world with tracks of all planners; return legend entries."""
-    trials, worlds = data.driven
     numbers = order_by_contrast(data.entries, data.order)
-    tracked = [trial for trial in trials if trial.has_track]
+    tracked = [trial for trial in data.trials if trial.has_track]
     layout = Panels(0.0, width_in=_MAP_IN + _LEGEND_IN, is_legend_beside=True)
-    selection = select_worlds(numbers, tracked, worlds, 1)
+    selection = select_worlds(numbers, tracked, 1)
     return _draw_maps(data, selection, make_panels, layout)
 
 
@@ -119,7 +114,7 @@ def _trails(data: ChartData, make_panels: MakePanels) -> Sequence[Line2D]:
 def _hardest(data: ChartData, make_panels: MakePanels) -> Sequence[Line2D]:
     """Draw a map of each hardest world with tracks in it; return legend entries."""
     layout = Panels(0.0, _MAPS_PER_ROW, width_in=_MAPS_WIDTH_IN)
-    selection = select_worlds(reversed(data.order.worlds), *data.driven, data.hardest)
+    selection = select_worlds(reversed(data.order.worlds), data.trials, data.hardest)
     return _draw_maps(data, selection, make_panels, layout)
 
 
@@ -414,7 +409,7 @@ def select_trials(
                 is_selected &= column(entry.results, "outcome") == outcome
             selection.append(entry.select(is_selected))
 
-    all_trials, worlds = read_trials(selection)
+    all_trials = read_trials(selection)
     trials = [trial for trial in all_trials if trial.track is not None]
     if not trials:
         reason = "none of its trials is of this kind"
@@ -426,9 +421,9 @@ def select_trials(
         if trial.result.world_checksum != first.result.world_checksum:
             paths = f"{first.entry.source.path} and {trial.entry.source.path}"
             raise ConfigError(f"world {world}: is not the same in {paths}")
-    if first.problem:
-        raise ConfigError(f"world {world}: {first.problem}")
-    return trials, worlds[first.result.world_checksum]
+    if isinstance(first.world, str):
+        raise ConfigError(f"world {world}: {first.world}")
+    return trials, first.world
 
 
 def _require_selection(

@@ -37,10 +37,8 @@ from barn_eval.pages.report.charts import CHARTS, Chart, ChartData, Panels
 from barn_eval.pages.report.maps import order_by_contrast
 from barn_eval.pages.report.processes import run_forked
 from barn_eval.pages.report.trials import (
-    DrivenTrial,
     page_data,
     positions_by_world,
-    read_trials,
     world_part,
 )
 from barn_eval.pages.template import render, script_json, write_page
@@ -171,7 +169,6 @@ def plot(
         compute_overview=lambda: analyze(
             entries, order, lambda jobs: [job() for job in jobs]
         ),
-        compute_trials=lambda: read_trials(entries),
         hardest=DEFAULT_HARDEST,
     )
     with style(width_mm):
@@ -224,14 +221,13 @@ class Report(ChartData):
     """Receives the share that is done, from 0 to 1."""
 
     @property
-    def trials(self) -> Sequence[DrivenTrial]:
-        """All trials in the order of the entries."""
-        return self.driven[0]
-
-    @property
-    def worlds(self) -> Mapping[str, World]:
+    def worlds(self) -> dict[str, World]:
         """Available worlds by checksum."""
-        return self.driven[1]
+        worlds = {}
+        for trial in self.trials:
+            if isinstance(trial.world, World):
+                worlds[trial.result.world_checksum] = trial.world
+        return worlds
 
     @property
     def names(self) -> list[str]:
@@ -296,7 +292,6 @@ def build_report(
     else:
         require_same_task(expand_sweeps(paths))
         simulated = []
-    driven = read_trials(entries)
     order = order_worlds(entries)
     overview = analyze(
         entries,
@@ -308,7 +303,6 @@ def build_report(
         entries=entries,
         order=order,
         compute_overview=lambda: overview,
-        compute_trials=lambda: driven,
         hardest=hardest,
         columns=keys,
         simulated=simulated,

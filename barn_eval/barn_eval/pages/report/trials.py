@@ -84,21 +84,14 @@ class DrivenTrial:
         return 0.0 if self.track is None else float(self.track.samples[-1, 0])
 
 
-def read_trials(entries: Sequence[Entry]) -> tuple[list[DrivenTrial], dict[str, World]]:
-    """Return all trials, whose tracks are read on demand, and worlds by checksum.
-
-    Trials are in the order of the entries. Worlds that cannot be read are left out.
-    """
+def read_trials(entries: Sequence[Entry]) -> list[DrivenTrial]:
+    """Return all trials by entry with their worlds; tracks are read on demand."""
     trials = [(entry, result) for entry in entries for result in entry.results]
     worlds = read_worlds((result, entry.source) for entry, result in trials)
-    driven_trials = []
-    for entry, result in trials:
-        world = worlds[result.world_checksum]
-        driven_trials.append(DrivenTrial(entry, result, world))
-    available = {
-        key: world for key, world in worlds.items() if isinstance(world, World)
-    }
-    return driven_trials, available
+    return [
+        DrivenTrial(entry, result, worlds[result.world_checksum])
+        for entry, result in trials
+    ]
 
 
 def _read_track(source: Source, result: TrialResult) -> Track | str:

@@ -7,14 +7,14 @@ from matplotlib.figure import Figure
 
 from barn_eval.analysis.planners import assign_colors, spelling
 from barn_eval.pages.figures import label_axes, new_figure, style, write_figure
-from barn_eval.pages.template import render
+from barn_eval.pages.template import render, write_page
 from barn_eval.studies.reproduction.findings import Findings, Origin, to_json
 from barn_eval.studies.reproduction.trials import PLANNERS
 from barn_eval.trials.result import Outcome
 from barn_metrics.bootstrap import Interval
 from barn_metrics.report import TABLE_II
 from barn_worlds.base.config import as_dict
-from barn_worlds.base.files import read_package_yaml, write_durably
+from barn_worlds.base.files import read_package_yaml
 from barn_worlds.drawing.palette import INK
 from barn_worlds.drawing.palette import PLANNERS as SHADES
 
@@ -41,10 +41,10 @@ def write_results(findings: Findings, origin: Origin, folder: Path) -> Path:
         StoreError: If a file cannot be written.
     """
     write_figures(findings, folder / "figures")
-    write_durably(folder / f"{NAME}.json", to_json(findings).encode())
-    write_durably(folder / f"{NAME}_origin.json", to_json(origin).encode())
+    write_page(folder / f"{NAME}.json", to_json(findings))
+    write_page(folder / f"{NAME}_origin.json", to_json(origin))
     path = folder / f"{NAME}.md"
-    write_durably(path, page(findings, origin).encode())
+    write_page(path, page(findings, origin))
     return path
 
 
@@ -79,7 +79,6 @@ def write_figures(findings: Findings, folder: Path) -> None:
     Raises:
         StoreError: If a file cannot be written.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     # The style applies while a figure is drawn; writing applies it again.
     for name, draw in (("worlds", worlds_figure), ("model", model_figure)):
         with style():

@@ -90,17 +90,8 @@ def test_figures_are_those_of_the_statistics(report, folder, tmp_path):
     limits = f"[{100 * rate.low:.1f}, {100 * rate.high:.1f}]"
     assert gap["success [%]"] == f"{100 * rate.estimate:.1f} {limits}"
     names = {path.name for path in tmp_path.iterdir()}
-    for name in (
-        "worlds",
-        "trade",
-        "bands",
-        "outcomes",
-        "paired",
-        "distributions",
-        "compute",
-        "trails",
-        "hardest",
-    ):
+    charts = "worlds trade bands outcomes paired distributions compute trails hardest"
+    for name in charts.split():
         assert {f"{name}.svg", f"{name}.pdf"} <= names
     for name in ("headline", "bands", "measures", "outcomes", "paired_1"):
         assert {f"{name}.csv", f"{name}.tex"} <= names

@@ -3,13 +3,13 @@
 import json
 from contextlib import contextmanager
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 import reproduce_work
 from reproduce_work import write_invented
 from reproduction_page import read_results
+from waiting import ROOT
 
 from barn_eval.results.folder import ResultsFolder
 from barn_eval.results.store import TrialRecord
@@ -21,7 +21,7 @@ from barn_eval.studies.reproduction.page import page, write_results
 from barn_eval.trials.run_config import ExecutionConfig
 
 TINY = replace(QUICK, strata=10, repetitions=2)
-DOCS = Path(__file__).resolve().parents[4] / "docs"
+DOCS = ROOT / "docs"
 
 
 @pytest.fixture(scope="module")
