@@ -57,6 +57,9 @@ def try_in_folder(act: Callable[[Path], str]) -> str:
 class Loser(Straight):  # type: ignore[misc]
     """Drives blindly at its goal, and does something before it hits a post."""
 
+    # Of its class, in which it has come that far.
+    attempts = 0
+
     def start(self, task: Task, seed: int) -> None:
         """Begin a trial."""
         super().start(task, seed)
@@ -66,7 +69,10 @@ class Loser(Straight):  # type: ignore[misc]
         """Return the command of this cycle."""
         self.cycles += 1
         decision: Decision = super().step(observation)
-        return self.escape(decision) if self.cycles == LOST else decision
+        if self.cycles != LOST:
+            return decision
+        type(self).attempts += 1
+        return self.escape(decision)
 
     def escape(self, decision: Decision) -> Decision:
         """Return what saves it."""
@@ -84,12 +90,9 @@ class Unreadable(Loser):
 class Interrupting(Loser):
     """Ends the run as Ctrl-C does, in its first attempt."""
 
-    attempts = 0
-
     def escape(self, decision: Decision) -> Decision:
         """Interrupt the run once."""
-        Interrupting.attempts += 1
-        if Interrupting.attempts == 1:
+        if self.attempts == 1:
             raise KeyboardInterrupt
         return decision
 
@@ -97,14 +100,10 @@ class Interrupting(Loser):
 class Refusing(Loser):
     """Ends the run, as a mistake of the user does, where its view is recorded."""
 
-    attempts = 0
-
     def view(self) -> PlannerView:
         """Refuse once."""
-        if self.cycles >= LOST:
-            Refusing.attempts += 1
-            if Refusing.attempts == 1:
-                raise barn.BarnError("name another folder")
+        if self.cycles == LOST and self.attempts == 1:
+            raise barn.BarnError("name another folder")
         view: PlannerView = super().view()
         return view
 

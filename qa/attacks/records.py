@@ -18,6 +18,7 @@ from report_work import rewrite_rows
 
 import barn_eval as barn
 from barn_eval.results.run_file import RunFile
+from barn_eval.ros.isolation import ros_problem
 from barn_eval.trials.protocol import PROTOCOLS
 from barn_eval.trials.seeds import planner_seed
 from barn_planners.interface import Decision, Task
@@ -28,6 +29,14 @@ from barn_worlds.formats.dataset_file import write_dataset_file
 
 _TRIED_SEEDS = 10_000
 _COPIES = 12
+# Settings of Fast DDS with which a process hears nobody.
+_DEAF = """
+<profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
+  <participant profile_name="deaf" is_default_profile="true">
+    <rtps><useBuiltinTransports>false</useBuiltinTransports></rtps>
+  </participant>
+</profiles>
+"""
 
 
 class Vandal(Straight):  # type: ignore[misc]
@@ -47,12 +56,9 @@ class Vandal(Straight):  # type: ignore[misc]
 class Learner(Loser):
     """Stops, in the second trial of a process, where the first one ended."""
 
-    trials = 0
-
     def escape(self, decision: Decision) -> Decision:
         """Return a command that depends on the trials before."""
-        Learner.trials += 1
-        return replace(decision, command=STOP) if Learner.trials == 2 else decision
+        return replace(decision, command=STOP) if self.attempts == 2 else decision
 
 
 class Guesser(Straight):  # type: ignore[misc]
@@ -195,15 +201,23 @@ def _(out: Path) -> str:
     return run_beside_shadows(out, "run", *words, "--out", "run", "--json")
 
 
+@attack("rival/profile", "It leaves settings of DDS where those after it start.")
+def _(out: Path) -> str:
+    if ros_problem():
+        return f"not tried here: {ros_problem()}"
+    (out / "DEFAULT_FASTRTPS_PROFILES.xml").write_text(_DEAF)
+    words = ("--planner", "gap", "--worlds", "0", "--mode", "ros")
+    run_beside_shadows(out, "run", *words, "--out", "run")
+    scores = barn.load(out / "run").trials[0].scores
+    return "heard, and drives" if scores.success else ""
+
+
 def starve(out: Path, limit: int) -> str:
     """Let a planner set a limit of its process, with which a run cannot go on."""
 
     class Starving(Loser):
-        attempts = 0
-
         def escape(self, decision: Decision) -> Decision:
-            Starving.attempts += 1
-            if Starving.attempts == 1:
+            if self.attempts == 1:
                 resource.setrlimit(limit, (0, most))
             return decision
 

@@ -36,6 +36,15 @@ from barn_worlds.messages.topics import (
 SECOND = 10**9
 
 
+@pytest.fixture
+def view(tmp_path):
+    pytest.importorskip(
+        "foxglove", reason="foxglove-sdk, an optional extra, is not installed"
+    )
+    with closing(live.FoxgloveStream(tmp_path, host="127.0.0.1", port=0)) as view:
+        yield view
+
+
 def record(recorder, first, last):
     """Write a score each second, and a text that is latched in the first."""
     for topic in (SCORE, OUTCOME, ROBOT_DESCRIPTION):
@@ -119,15 +128,9 @@ def test_a_view_without_bags_is_refused(rejected):
 
 
 @pytest.mark.parametrize("mode", ["direct", "ros"])
-def test_viewers_get_messages_and_late_ones_latched_ones(tmp_path, mode):
-    pytest.importorskip(
-        "foxglove", reason="foxglove-sdk, an optional extra, is not installed"
-    )
+def test_viewers_get_messages_and_late_ones_latched_ones(tmp_path, view, mode):
     RunFile.for_run(tmp_path, RunConfig(mode=mode), ()).write()
-    with (
-        closing(live.FoxgloveStream(tmp_path, host="127.0.0.1", port=0)) as view,
-        Recorder(tmp_path / "bags" / "one") as recorder,
-    ):
+    with Recorder(tmp_path / "bags" / "one") as recorder:
         recorder.record([OutgoingMessage(COLLISION, b"")], 0)
         record(recorder, 0, 3)
         with LiveClient(view.url) as client:
@@ -190,16 +193,10 @@ def test_no_page_of_another_site_passes_the_gate(host, origin, passes):
     assert answer.startswith(b"hello" if passes else b"HTTP/1.1 403")
 
 
-def test_a_path_of_two_topics_has_the_first_type_and_is_latched_if_either_is(tmp_path):
+def test_a_path_of_two_topics_has_the_first_type_and_is_latched_if_either_is(view):
     assert WORLD_PATH.path in live._LATCHED_PATHS
     assert CMD_VEL.path not in live._LATCHED_PATHS
-    pytest.importorskip(
-        "foxglove", reason="foxglove-sdk, an optional extra, is not installed"
-    )
-    with (
-        closing(live.FoxgloveStream(tmp_path, host="127.0.0.1", port=0)) as view,
-        LiveClient(view.url) as client,
-    ):
+    with LiveClient(view.url) as client:
         command = client.channels(len(live._TOPICS))[CMD_VEL.path]
         assert command["schemaName"] == "geometry_msgs/msg/Twist"
 
