@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+import pytest
 from repository import ROOT
 
 ALLOWED = {
@@ -142,25 +143,6 @@ FORWARDED = "barn_eval/results/__init__.py barn_eval.api.results"
 ENTRANCES = ("__init__", "__main__")  # which import what they offer by name
 
 
-def test_rooms_import_only_rooms_below_them():
-    wrong = []
-    for source in sources():
-        if source.package != "barn_eval" or source.where.startswith("launch"):
-            continue
-        room = Path(source.where).with_suffix("").parts[1]
-        if room in ENTRANCES:
-            continue
-        level = ROOMS.index(room)
-        below = (*ROOMS[: level + 1], "__version__")
-        for name in source.imports:
-            top, *rooms = name.split(".")
-            if f"{source.where} {name}" == FORWARDED:
-                continue
-            if top == "barn_eval" and rooms and rooms[0] not in below:
-                wrong.append(f"{source.where} imports {name}")
-    assert not wrong
-
-
 # The parts of barn_sim, likewise.
 SIMULATOR_PARTS = (
     "config",
@@ -177,18 +159,23 @@ SIMULATOR_PARTS = (
 )
 
 
-def test_parts_of_the_simulator_import_only_parts_below_them():
+@pytest.mark.parametrize(
+    "package, parts", [("barn_eval", ROOMS), ("barn_sim", SIMULATOR_PARTS)]
+)
+def test_parts_of_a_package_import_only_parts_below_them(package, parts):
     wrong = []
     for source in sources():
-        if source.package != "barn_sim" or source.where.startswith("launch"):
+        if source.package != package or source.where.startswith("launch"):
             continue
         part = Path(source.where).with_suffix("").parts[1]
         if part in ENTRANCES:
             continue
-        below = SIMULATOR_PARTS[: SIMULATOR_PARTS.index(part) + 1]
+        below = (*parts[: parts.index(part) + 1], "__version__")
         for name in source.imports:
-            top, *parts = name.split(".")
-            if top == "barn_sim" and parts[0] not in below:
+            top, *others = name.split(".")
+            if f"{source.where} {name}" == FORWARDED:
+                continue
+            if top == package and others and others[0] not in below:
                 wrong.append(f"{source.where} imports {name}")
     assert not wrong
 

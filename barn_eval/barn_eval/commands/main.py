@@ -55,11 +55,10 @@ class LazyGroup(click.Group):
         # The command had this name before, and scripts still use it.
         name = "run" if cmd_name == "campaign" else cmd_name
         if name in COMMANDS:
-            *_, place = _ENTRIES[name]
+            _, example, page, place = _ENTRIES[name]
             module_name, _, attribute = place.partition(":")
             module = import_module(f"{__package__}.{module_name}")
             command = cast(click.Command, getattr(module, attribute))
-            example, page = MORE[name]
             # click shows an epilog below the options, as an example should be.
             command.epilog = (
                 f"Example: {example}\n\nMore: {page} in the suite's repository"

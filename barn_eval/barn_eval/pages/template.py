@@ -15,7 +15,6 @@ from barn_metrics.bootstrap import number
 from barn_worlds.base.errors import ConfigError, convert_os_errors
 from barn_worlds.base.files import make_json_safe, write_durably
 from barn_worlds.drawing import palette
-from barn_worlds.drawing.palette import MOVER, ON_DARK
 
 # Characters that could end a script element or a line of JavaScript inside JSON.
 _UNSAFE_IN_SCRIPTS = {
@@ -81,9 +80,9 @@ def themed(color: str) -> str:
 
     Only the colors of planners, outcomes and moving obstacles depend on the theme.
     """
-    if color == MOVER:
-        return f"var(--mover, {MOVER})"
-    if color in ON_DARK:
+    if color == palette.MOVER:
+        return f"var(--mover, {color})"
+    if color in palette.ON_DARK:
         return f"var({property_name(color)}, {color})"
     return color
 

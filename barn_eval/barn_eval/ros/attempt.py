@@ -58,7 +58,6 @@ _SIMULATOR = "/barn_try_simulator"
 _COMMANDS = {TWIST: CMD_VEL, TWIST_STAMPED: CMD_VEL_STAMPED}
 _INPUTS = (SCAN, ODOM, GOAL_POSE)
 _GOAL_NAME = re.compile("goal|target|dest|point")
-_GOAL_ACTION = re.compile("Goal|Pose|Navigat|Point")
 _NOT_FINITE = "it sends NaN or infinity"
 _NO_GOAL = (
     "it takes no goal from a topic or an action. The challenge's goal is (10, 0) in odom:"
@@ -104,7 +103,8 @@ def connect(graph: Graph) -> Attempt:
             inputs.append(topic.name)
         if name not in ("", topic.path):
             rules.append(f"{topic.name}:={name}")
-    actions = [item for item in graph.actions if _GOAL_ACTION.search(item[1])]
+    # The goal is a field `pose`, as of NavigateToPose.
+    actions = [item for item in graph.actions if "Pose" in item[1]]
     if not attempt.topics["goal_pose"] and actions:
         name, kind = actions[0]
         attempt.topics["goal_pose"] = f"action {name}"

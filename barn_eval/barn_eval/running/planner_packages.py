@@ -115,7 +115,7 @@ class Executable:
         return [find_module(module, self.import_path) or missing]
 
     def make_prefix(self, prefix: Path, inherited: Mapping[str, str]) -> dict[str, str]:
-        """Link packages into a ROS prefix; return PYTHONPATH and AMENT_PREFIX_PATH.
+        """Link packages into a ROS prefix, build types; return variables that lead there.
 
         Args:
             prefix: Folder to make.
@@ -124,6 +124,8 @@ class Executable:
         Raises:
             ConfigError: If the prefix cannot be written.
         """
+        prefix = prefix.absolute()
+        types = prefix / "types"
         index = prefix / "share" / "ament_index" / "resource_index" / "packages"
         with convert_os_errors(ConfigError, prefix):
             index.mkdir(parents=True, exist_ok=True)
@@ -133,9 +135,11 @@ class Executable:
                 link = prefix / "share" / name
                 link.unlink(missing_ok=True)
                 link.symlink_to(package, target_is_directory=True)
-        prefix = prefix.absolute()
-        types = prefix / "types"
-        self._build_types(prefix / "share", types)
+            # If that fails, the planner says which modules are missing, and the log why.
+            words = [sys.executable, "-m", _TYPE_BUILDER, str(types), f"{prefix}/share"]
+            words += map(str, self.sources())
+            with types.with_suffix(".log").open("wb") as log:
+                subprocess.run(words, stdout=log, stderr=log, check=False)  # noqa: S603
         variables = {}
         for key, folders in (
             ("PYTHONPATH", [*self.import_path, types]),
@@ -145,20 +149,6 @@ class Executable:
             texts = [*map(str, folders), inherited.get(key, "")]
             variables[key] = ":".join(filter(None, texts))
         return variables
-
-    def _build_types(self, share: Path, folder: Path) -> None:
-        """Build the message types that its files import from its packages.
-
-        If that fails, FOLDER.log says why, and the planner which modules are missing.
-
-        Args:
-            share: Folder with the packages by name.
-            folder: Folder to build in, made if there is anything to build.
-        """
-        words: list[str | Path] = [sys.executable, "-m", _TYPE_BUILDER, folder, share]
-        words += self.sources()
-        with folder.with_suffix(".log").open("wb") as log:
-            subprocess.run(words, stdout=log, stderr=log, check=False)  # noqa: S603
 
 
 def find_packaged(words: Sequence[str]) -> Executable | None:
@@ -212,7 +202,9 @@ def find_executable(text: str) -> Executable:
     packages = packages or [file.parent for file in files if file.name in _BUILDS]
     if not packages:
         commanding = [
-            str(file) for file in files if file.suffix == ".py" and _commands(file)
+            str(file)
+            for file in files
+            if file.suffix == ".py" and "Twist" in _read(file)
         ]
         raise ConfigError(
             f"{subject}: no package (package.xml) in {path}; give a single file as"
@@ -262,12 +254,12 @@ def _choose(name: str, files: Sequence[Path], packages: Sequence[Path]) -> Execu
         (source,) = matching[0].sources()
         stray = [file for file in files if file.name == source.name]
         if stray and not source.is_file():
-            raise ConfigError(f"{source} is missing; start its namesake, {stray[0]}")
+            raise ConfigError(f"{source} is missing; instead start {stray[0]}")
         return matching[0]
 
     problem = "name one of its executables or launch files"
     # Those that send commands come first.
-    executables.sort(key=lambda item: not _commands(item.sources()[0]))
+    executables.sort(key=lambda item: "Twist" not in _read(item.sources()[0]))
     names = [item.name for item in executables]
     names += [file.name for file in launch_files]
     if named_files or (name and matching):
@@ -357,11 +349,6 @@ def _read(path: Path) -> str:
     if not path.is_file():
         return ""
     return read_bytes(path, _LARGEST_BYTES).decode("utf-8", "replace")
-
-
-def _commands(path: Path) -> bool:
-    """Return whether a file may send velocity commands."""
-    return "Twist" in _read(path)
 
 
 def _read_cmake(package: Path) -> str:

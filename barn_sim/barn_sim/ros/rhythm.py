@@ -111,7 +111,7 @@ class Rhythm:
             return
         if self._is_searching and len(self._commands_s) == _WAITS_BEFORE_HOLD:
             self._answers_s = self._commands_s
-            self._adopt_answers()
+            self._judge_unasked(math.inf)
             return
         # A search holds its instants in any case.
         is_known = self.period_ns > 0 or self._is_searching
@@ -187,19 +187,15 @@ class Rhythm:
         # A second command at once comes from the same reading. Where a timer is so fast
         # that each reading is answered at once, nothing need be known of it.
         is_timer = interval_s > 0.5 * typical_s
-        if is_timer and 2e9 * typical_s > self._step_ns:
-            self._adopt_answers()
+        is_slow = 2e9 * typical_s > self._step_ns
+        if is_timer and (is_slow or self._is_searching):
+            # Measured intervals vary by a little, which is no reason for another step.
+            self._adopt_period(1e9 * typical_s - 0.1 * self._step_ns)
 
     def _recent_intervals_s(self) -> list[float]:
         """Return the wall-clock times (s) between answers, without the first ones."""
         recent_s = self._answers_s[_WAITS_BEFORE_HOLD // 2 :]
         return [later - earlier for earlier, later in pairwise(recent_s)]
-
-    def _adopt_answers(self) -> None:
-        """Adopt the typical interval between answers as the period."""
-        # Measured intervals vary by a little, which is no reason for another step.
-        typical_s = median(self._recent_intervals_s())
-        self._adopt_period(1e9 * typical_s - 0.1 * self._step_ns)
 
     def _adopt_period(self, period_ns: float) -> None:
         """Adopt a measured period in whole steps; set the missed commands to 0."""

@@ -16,24 +16,15 @@ TURN_S = 0.003  # wall-clock time of an instant besides its wait
 class Planner:
     """Answers each scan after a time, or has a timer on one of the two clocks."""
 
-    def __init__(self, sim_hz=0.0, wall_hz=0.0, answer_s=0.01, busy_s=0.0, pause_s=0.0):
+    def __init__(self, sim_hz=0.0, wall_hz=0.0, answer_s=0.01, busy_s=0.0):
         self.sim_hz = sim_hz
         self.wall_hz = wall_hz
-        self.pause_s = pause_s  # after 10 s of commands, and until the next reading
-        self.moves_until_s = 0.0
-        self.reading_ns = 0
         self.answer_s = answer_s
         self.busy_s = busy_s  # until then
         self.next_ns = 0
 
     def commands(self, now_ns, now_s, until_s):
         """Return when it sends commands, from readings of an instant to a time."""
-        if self.pause_s and now_ns != self.reading_ns:
-            self.reading_ns = now_ns
-            if now_s > self.moves_until_s + self.pause_s:
-                self.moves_until_s = now_s + 10.0
-        if self.pause_s:
-            until_s = min(until_s, self.moves_until_s)
         if self.wall_hz:
             number = math.floor(now_s * self.wall_hz) + 1
             return [] if number / self.wall_hz > until_s else [number / self.wall_hz]
@@ -124,11 +115,19 @@ def test_a_timer_on_the_wall_clock_is_asked_at_its_own_rate(hz, is_declared):
 
 
 @pytest.mark.parametrize("hz", [400.0, 10.0])
-def test_a_timer_on_the_wall_clock_that_pauses_is_found_again(hz):
-    planner = Planner(wall_hz=hz, pause_s=0.5)
-    *_, wall_s = drive(Rhythm(), planner, 600)
-    # Each pause costs a whole wait and a search, but no instant takes 10 s.
-    assert wall_s < 30.0 + 4 * (WAIT_S + 3.0)
+def test_a_timer_on_the_wall_clock_is_found_again_after_a_pause(hz):
+    rhythm = Rhythm()
+    rhythm.begin_trial(STEP_NS, WAIT_S)
+    rhythm.begin_wait(0.0)
+    rhythm.end_wait(0)
+    now_s = WAIT_S
+    rhythm.begin_wait(now_s)
+    for _ in range(1000):
+        if rhythm.remaining_s(now_s) > 0.0:
+            now_s += 1.0 / hz
+            rhythm.hear(STEP_NS, now_s)
+    assert now_s < WAIT_S + 2.5
+    assert rhythm.period_ns == math.ceil(20.0 / hz) * STEP_NS
 
 
 def test_a_planner_that_answers_late_once_is_asked_at_each_scan_again():

@@ -204,7 +204,6 @@ def _expect_refusal(lab: Lab, kind: str, words: str) -> str:
     return refusal.partition(";")[0]
 
 
-_THREE = "exited with code 1 at its start, 3 times in a row"
 _EARLY = """
 import | a_package_that_is_not_there
     The planner's script imports a package that is not there.

@@ -213,10 +213,9 @@ def _hide(folder: Path, command: list[str]) -> None:
         path = Path(word.rpartition(":=")[2]).absolute()
         if folder in path.parents and path.is_file():
             contents[path] = path.read_bytes()
-    # The prefix of a planner that is started from its source is found by this handle.
+    # This handle leads to the prefix of a package in source although it is hidden.
     prefix = Path(os.environ.get("AMENT_PREFIX_PATH", "").partition(":")[0])
-    has_prefix = folder in prefix.parents
-    handle = os.open(prefix if has_prefix else folder, os.O_PATH)
+    handle = os.open(prefix, os.O_PATH) if folder in prefix.parents else None
 
     for parent in reversed(folder.resolve().parents[:-1]):
         _bind(parent)
@@ -226,10 +225,10 @@ def _hide(folder: Path, command: list[str]) -> None:
     for path, content in contents.items():
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
-    if has_prefix:
+    if handle is not None:
         prefix.mkdir(parents=True)
         _bind(prefix, _MS_RDONLY, Path("/proc/self/fd", str(handle)))
-    os.close(handle)
+        os.close(handle)
     flags = _MS_REMOUNT | _MS_RDONLY
     _require_success(_LIBC.mount(None, name, None, flags, None), problem)
 
