@@ -1,4 +1,12 @@
 // What differs between Nav2 1.3 (Jazzy), 1.4 (Kilted) and 1.5 (Lyrical). CMakeLists.txt sets NAV2_MINOR.
+//
+// Only 1.3.13 has been linked and run. All sources and the test also compile to objects with the headers of 1.4.2
+// (-std=c++17 -DNAV2_MINOR=4) and 1.5.1 (-std=c++20 -DNAV2_MINOR=5), each as
+//
+//     g++ -c -std=c++20 -DNAV2_MINOR=5 -Iinclude -isystem NAV2/nav2_core/include ... src/navigator.cpp
+//
+// but with rclcpp 29.3 instead of the releases' own, with headers of tf2 that forward the new names to the old ones,
+// and with Jazzy's common messages. To link, source Kilted or Lyrical and call colcon build as the page does.
 
 #ifndef NAV2_LOCKSTEP__VERSIONS_HPP_
 #define NAV2_LOCKSTEP__VERSIONS_HPP_
