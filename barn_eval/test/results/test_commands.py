@@ -2,7 +2,6 @@
 
 import json
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -35,12 +34,6 @@ from barn_eval.verification.rerun import read_bag
 from barn_worlds.base.types import Odometry, Pose2D, Velocity2D
 
 PERIOD_NS = 50_000_000
-
-
-@pytest.fixture
-def folder(two_trials, tmp_path):
-    """A run of two trials that keeps no bags."""
-    return Path(shutil.copytree(two_trials, tmp_path / "out"))
 
 
 def lines_of(folder):
@@ -76,7 +69,7 @@ def test_commands_are_small_and_those_of_the_bag(tmp_path):
 
 
 def test_other_commands_than_those_of_a_bag_are_named(collided, tmp_path):
-    folder = Path(shutil.copytree(collided, tmp_path / "out"))
+    folder = shutil.copytree(collided, tmp_path / "out")
     ((trial_id, line),) = lines_of(folder).items()
     _, commands = parse_commands_line(line, "line")
     commands = commands.copy()
@@ -243,7 +236,7 @@ def test_a_file_is_whole_after_a_failed_write(tmp_path):
 
 def test_an_older_folder_is_driven_again_by_its_bags(collided, tmp_path):
     """Folders of schema 2 have no commands but those in bags."""
-    folder = Path(shutil.copytree(collided, tmp_path / "out"))
+    folder = shutil.copytree(collided, tmp_path / "out")
     make_old(folder)
     report = barn.results.check(folder)
     assert (report.driven, report.problems) == (1, [])

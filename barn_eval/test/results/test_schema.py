@@ -3,9 +3,7 @@
 import dataclasses
 import hashlib
 import json
-import shutil
 import typing
-from pathlib import Path
 
 import pytest
 import yaml
@@ -42,11 +40,6 @@ def keys_of(record, prefix=""):
         for kind in (hints[field.name], *typing.get_args(hints[field.name])):
             if dataclasses.is_dataclass(kind):
                 yield from keys_of(kind, f"{name}.")
-
-
-@pytest.fixture
-def folder(two_trials, tmp_path):
-    return Path(shutil.copytree(two_trials, tmp_path / "out"))
 
 
 def test_keys_that_change_raise_the_schema(two_trials):

@@ -5,7 +5,6 @@ is named.
 import json
 import shutil
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet
@@ -282,7 +281,7 @@ FORGERIES = {
 @pytest.mark.parametrize("name", FORGERIES)
 def test_consistent_forgeries_are_still_detected(collided, tmp_path, name, records):
     changes, words = FORGERIES[name]
-    folder = Path(shutil.copytree(collided, tmp_path / "out"))
+    folder = shutil.copytree(collided, tmp_path / "out")
     if records != "bags and commands":
         without_bags(folder)
     if records == "tracks":
@@ -304,7 +303,7 @@ def test_consistent_forgeries_are_still_detected(collided, tmp_path, name, recor
 
 def test_a_failure_does_not_become_the_environments(collided, tmp_path):
     """Such a trial would not be scored, and be driven again."""
-    folder = without_bags(Path(shutil.copytree(collided, tmp_path / "out")))
+    folder = without_bags(shutil.copytree(collided, tmp_path / "out"))
     forge(folder, outcome="environment_failed", fault="environment")
     problems = barn.results.check(folder).problems
     assert any(
@@ -313,7 +312,7 @@ def test_a_failure_does_not_become_the_environments(collided, tmp_path):
 
 
 def test_a_bag_that_its_commands_do_not_give_is_rejected(collided, tmp_path):
-    folder = Path(shutil.copytree(collided, tmp_path / "out"))
+    folder = shutil.copytree(collided, tmp_path / "out")
     row = barn.load(folder).trials[0]
     (bag,) = (folder / "bags").iterdir()
 
