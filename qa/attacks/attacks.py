@@ -66,7 +66,7 @@ def driven(*planners: str, **options: Any) -> Path:
 def copy(folder: Path) -> Path:
     """Return a copy of a folder, to be forged."""
     number = len(list(SCRATCH.iterdir()))
-    return Path(shutil.copytree(folder, SCRATCH / f"forged{number}" / "out"))
+    return shutil.copytree(folder, SCRATCH / f"forged{number}" / "out")
 
 
 def forged(change: Callable[[Path], object], *planners: str, **options: Any) -> str:

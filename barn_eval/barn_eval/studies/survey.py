@@ -100,16 +100,16 @@ def survey_course(
     returns, places = _select_scans(trial)
     has_truth = trial.frame in FIXED_FRAMES
     if has_truth:
-        start = Pose2D(*trial.poses[0].tolist())
+        start = trial.pose(0)
 
     # First fit each scan to the plan, so that errors of the odometry do not add up.
     plan_m = world.planned_m
     poses = np.empty((len(places), 3))
     pose = start @ trial.lidar
-    last = Pose2D(*trial.poses[0].tolist()) @ trial.lidar
+    last = trial.pose(0) @ trial.lidar
     recorded_m = np.empty((len(places), 2))
     for number, place in enumerate(places):
-        lidar = Pose2D(*trial.poses[place].tolist()) @ trial.lidar
+        lidar = trial.pose(place) @ trial.lidar
         recorded_m[number] = (lidar.x, lidar.y)
         pose = pose @ last.inverse() @ lidar
         last = lidar
@@ -172,7 +172,7 @@ def _select_scans(trial: RecordedTrial) -> tuple[Floats, list[int]]:
     chosen: list[tuple[Scan, int]] = []
     for item in trial.items[topics.SCAN]:
         place = trial.index_at(item.time_s)
-        pose = Pose2D(*trial.poses[place].tolist())
+        pose = trial.pose(place)
         is_turned = chosen and abs((last.inverse() @ pose).yaw) > _STEP_RAD
         if is_turned or pose.distance(last) > _STEP_M:
             last = pose

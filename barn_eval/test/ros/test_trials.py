@@ -37,7 +37,6 @@ from barn_eval.trials.run_config import RunConfig
 from barn_eval.trials.spec import simulator_config
 from barn_worlds.base.arrays import COMPILING_NOTE, unit_vectors
 from barn_worlds.base.errors import ExitCode
-from barn_worlds.base.types import Pose2D
 from barn_worlds.geometry.bodies import wall_bodies
 from barn_worlds.geometry.footprint import Footprint
 from barn_worlds.messages.cdr import jazzy_types
@@ -137,7 +136,7 @@ def test_a_free_running_trial_meets_movers_where_scans_do(tmp_path):
     walls = wall_bodies(spec.world.walls)
     point = Footprint(np.zeros((1, 2)), 1e-9)
     for item in bag.items[SCAN][::10]:
-        robot = Pose2D(*bag.poses[bag.index_at(item.time_s)].tolist())
+        robot = bag.pose(bag.index_at(item.time_s))
         is_hit = np.isfinite(item.content.ranges)
         angles = item.content.angles()[is_hit]
         ranges = item.content.ranges[is_hit].astype(float)

@@ -220,7 +220,7 @@ def test_what_cannot_be_checked_is_not_submitted(rejected, tmp_path, monkeypatch
 def test_what_does_not_hold_or_is_not_finished_is_not_submitted(
     run, rejected, tmp_path
 ):
-    folder = Path(shutil.copytree(run, tmp_path / "out"))
+    folder = shutil.copytree(run, tmp_path / "out")
     forge(folder, scores__challenge=7.0)
     findings = partial(rejected, f"submit {folder}", ends=ExitCode.FINDINGS)
     assert "cannot be submitted: " in findings()
@@ -230,13 +230,13 @@ def test_what_does_not_hold_or_is_not_finished_is_not_submitted(
 
 
 def test_the_template_board_has_a_page_before_its_first_submission(tmp_path):
-    board = Path(shutil.copytree(ROOT / "examples" / "leaderboard", tmp_path / "board"))
+    board = shutil.copytree(ROOT / "examples" / "leaderboard", tmp_path / "board")
     run_python(board / "build.py")
     assert "No submission" in (board / "site" / "index.html").read_text()
 
 
 def test_the_template_board_names_what_does_not_hold(submitted, tmp_path):
-    board = Path(shutil.copytree(ROOT / "examples" / "leaderboard", tmp_path / "board"))
+    board = shutil.copytree(ROOT / "examples" / "leaderboard", tmp_path / "board")
     rules = json.loads((board / "board.json").read_text())
     (board / "board.json").write_text(json.dumps(rules | {"worlds": "0", "seed": 5}))
     shutil.copy(submitted, board / "submissions" / "honest.barn.zip")

@@ -223,7 +223,7 @@ def draw_views(
             index = recorded.index_at(time_s)
             center = Pose2D(*camera_poses[index].tolist())
             view = camera_at(camera, center, studio.bounds_m)
-            pose = Pose2D(*recorded.poses[index].tolist())
+            pose = recorded.pose(index)
             options: dict[str, Any] = {"driven": index, "finer": oversampling}
             if moving is not None:
                 now_s = float(recorded.times_s[index])

@@ -86,6 +86,10 @@ class RecordedTrial:
         after = np.searchsorted(self.times_s, time_s + ROUNDING_S, side="right")
         return max(0, int(after) - 1)
 
+    def pose(self, index: int) -> Pose2D:
+        """Return the pose of an index in `poses`."""
+        return Pose2D(*self.poses[index].tolist())
+
     def to_frame(self, item: TimedItem) -> Pose2D:
         """Return the pose of an item's frame in the trial's, identity if unknown."""
         if item.frame == self.frame:
@@ -93,7 +97,7 @@ class RecordedTrial:
         if item.frame not in (MAP, ODOM) or not np.isfinite(self.odometry).all():
             return ORIGIN
         index = self.index_at(item.time_s)
-        true_pose = Pose2D(*self.poses[index].tolist())
+        true_pose = self.pose(index)
         # Odometry drifts, so its frame lies elsewhere at each time.
         odom_in_frame = true_pose @ Pose2D(*self.odometry[index].tolist()).inverse()
         return odom_in_frame if item.frame == ODOM else odom_in_frame.inverse()
@@ -246,7 +250,7 @@ def read_recorded_trial(path: Path, sources: Sources = NO_SOURCES) -> RecordedTr
         trial=trial,
         result=result,
         problems=problems,
-        notes=tuple(note for note in notes if note),
+        notes=tuple(filter(None, notes)),
     )
 
 
