@@ -201,9 +201,8 @@ class SimulatorConfig(Checked):
     # Set as a whole, by `with_robot`; its fields are not parameters of a node.
     chassis: Chassis = field(default=STANDARD_ROBOT.chassis, metadata=OPTIONAL)
 
-    def __post_init__(self) -> None:
+    def check_rules(self) -> None:
         """Raise ConfigError unless the periods are whole numbers of physics steps."""
-        super().__post_init__()
         periods_s = {
             "control_period_s": self.control_period_s,
             # Compiled code counts ticks. A sensor period between two of them would

@@ -91,9 +91,8 @@ class JudgeOptions(Checked):
     )
     namespace: str = quantity("", "namespace of the topics")
 
-    def __post_init__(self) -> None:
+    def check_rules(self) -> None:
         """Raise ConfigError for a value that is not allowed."""
-        super().__post_init__()
         are_whole = all(number.is_integer() for number in self.numbers("world"))
         self.require(are_whole, "world", "must be whole numbers, such as 0,30")
         self.numbers("contact_at")

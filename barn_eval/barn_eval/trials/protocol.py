@@ -70,9 +70,8 @@ class PoseRule(Checked):
         math.pi / 2.0, "heading in the map frame", "rad", -math.pi, math.pi
     )
 
-    def __post_init__(self) -> None:
+    def check_rules(self) -> None:
         """Raise ConfigError for a value out of range, or x_min_m above x_max_m."""
-        super().__post_init__()
         self.require_order("x_min_m", "at most", "x_max_m")
 
     def scaled_to(self, scale: float, first_column_m: float) -> "PoseRule":
@@ -250,9 +249,8 @@ class Protocol(Checked):
         1000.0,
     )
 
-    def __post_init__(self) -> None:
+    def check_rules(self) -> None:
         """Raise ConfigError for a value out of range, or a name not printable."""
-        super().__post_init__()
         self.require(
             self.name.strip() != "" and self.name.isprintable(),
             "name",

@@ -172,9 +172,8 @@ class RosConfig(PlannerLink):
         "whether the planner's processes can see and signal only each other, if the kernel supports this",
     )
 
-    def __post_init__(self) -> None:
+    def check_rules(self) -> None:
         """Raise ConfigError for a malformed remap or namespace, or a bad value."""
-        super().__post_init__()
         for rule in self.remap:
             if not _REMAP.fullmatch(rule):
                 raise ConfigError(f"remap must be of the form FROM:=TO, got {rule!r}")

@@ -181,9 +181,8 @@ class MppiConfig(Checked):
     )
     critics: CriticsConfig = field(default_factory=CriticsConfig)
 
-    def __post_init__(self) -> None:
+    def check_rules(self) -> None:
         """Raise ConfigError if samples, turn per step or reverse speed is too large."""
-        super().__post_init__()
         limit = f"must be at most {_MAX_STATES} divided by steps = {self.steps}"
         self.require(self.samples * self.steps <= _MAX_STATES, "samples", limit)
 

@@ -25,8 +25,7 @@ class Inner(Checked):
     low_m: float = quantity(0.0, "lower end", "m")
     high_m: float = quantity(2.0, "upper end", "m")
 
-    def __post_init__(self):
-        super().__post_init__()
+    def check_rules(self):
         self.require(
             self.low_m < self.high_m, "low_m", f"must be below high_m = {self.high_m:g}"
         )
