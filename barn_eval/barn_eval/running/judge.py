@@ -200,7 +200,7 @@ def _split_by_goals(drive: ObservedDrive) -> Iterator[Segment]:
     if not drive.goals:
         yield Segment(drive, 0, count, None)
     poses = [logged.content.pose for logged in drive.poses]
-    positions_m = np.array([(pose.x, pose.y) for pose in poses])
+    positions_m = np.array([pose.position for pose in poses])
     goals: dict[int, Logged] = {}  # by index of their first pose
     last = 0
     for goal in drive.goals:
@@ -362,7 +362,7 @@ def _unknown_world(
         if drive.goals:
             reason = f"its goal is in frame {segment.goal_frame!r}, but poses are in {drive.frame!r}"
         raise BagError(f"{path}: {reason}; name a goal by --goal, --world or --course")
-    ends = np.array([(start.x, start.y), (goal.x, goal.y)])
+    ends = np.array([start.position, goal.position])
     corner_x, corner_y = (ends.min(axis=0) - _CELL_M).tolist()
     # The world refuses more cells than that.
     sides = np.minimum(np.ptp(ends, axis=0) // _CELL_M + 3, LARGEST_SIDE + 1)

@@ -110,7 +110,7 @@ def survey_course(
         lidar = Pose2D(*motions[place].tolist()) @ trial.lidar
         pose = pose @ last.inverse() @ lidar
         last = lidar
-        poses[number] = (pose.x, pose.y, pose.yaw)
+        poses[number] = pose.numbers
         scan = returns[returns[:, 0] == number]
         for gate_m in _FIRST_GATES_M:
             matches, _ = _match(scan, poses, plan_m, world, gate_m)
@@ -148,7 +148,7 @@ def survey_course(
         true_m = []
         for row in trial.poses[places].tolist():
             pose = Pose2D(*row) @ trial.lidar
-            true_m.append((pose.x, pose.y))
+            true_m.append(pose.position)
         centers_m = _fit(poses[:, :2], np.array(true_m)).transform(centers_m)
     counts = np.bincount(matches[:, 1].astype(int), minlength=len(plan_m))
     covariance = np.asarray(np.linalg.inv(information), np.float64)[first:, first:]

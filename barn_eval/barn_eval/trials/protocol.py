@@ -308,7 +308,7 @@ class Protocol(Checked):
             "path_last": tuple(path[-1].tolist()),
         }
         start = self.start.resolve(anchors)
-        anchors["start"] = (start.x, start.y)
+        anchors["start"] = start.position
         goal = self.goal.resolve(anchors)
         return self._measure_course(world, start, path, goal)
 
@@ -316,7 +316,7 @@ class Protocol(Checked):
         self, world: World, start: Pose2D, path: Points, goal: Pose2D
     ) -> Course:
         """Return the course along `path` (n, 2) in m, straight if of unknown length."""
-        points = np.vstack(([start.x, start.y], path, [goal.x, goal.y]))
+        points = np.vstack((start.position, path, goal.position))
         reference_m = float(side_lengths(points).sum())
         if not world.path_length_m:
             return Course(start, goal, None, start.distance(goal), None)

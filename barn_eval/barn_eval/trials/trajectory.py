@@ -61,8 +61,8 @@ class TrajectoryLog:
         """
         pose = truth.pose
         velocity = truth.velocity
-        x, y = (np.nan, np.nan) if plan_pose is None else (plan_pose.x, plan_pose.y)
-        state = [pose.x, pose.y, pose.yaw, velocity.linear, velocity.angular]
+        x, y = (np.nan, np.nan) if plan_pose is None else plan_pose.position
+        state = [*pose.numbers, velocity.linear, velocity.angular]
         self._stamps.append(truth.stamp_ns)
         self._rows.append([*state, collision, x, y, np.nan, np.nan, 0])
 

@@ -149,7 +149,7 @@ class Costmap:
         observe(
             self._layers.marks,
             self.grid,
-            Pose(pose.x, pose.y, pose.yaw),
+            Pose(*pose.numbers),
             sensor,
             readings,
             self._clearing_outline,

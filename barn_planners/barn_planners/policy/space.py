@@ -202,8 +202,8 @@ class ObservationEncoder:
         self.encode_all(
             observation.scan,
             observation.scan.ranges[None],
-            np.array([[pose.x, pose.y, pose.yaw]]),
-            np.array([[goal.x, goal.y]]),
+            np.array([pose.numbers]),
+            np.array([goal.position]),
             np.array([[velocity.linear, velocity.angular]]),
             np.zeros(1, np.intp),
             frames,

@@ -82,7 +82,7 @@ class ParticleLocalization:
             [config.initial_std_m, config.initial_std_m, config.initial_yaw_std_rad]
         )
         errors = rng.standard_normal((config.max_particles, 3))
-        self._particles = np.array([start.x, start.y, start.yaw]) + stds * errors
+        self._particles = np.array(start.numbers) + stds * errors
         # Slow and fast average of the weights.
         self._averages: tuple[float, float] | None = None
         self._updated_at: Pose2D | None = None
@@ -158,7 +158,7 @@ class ParticleLocalization:
             + self._mount.yaw
         )
         directions = unit_vectors(angles)
-        hits = ranges[is_hit, None] * directions + [self._mount.x, self._mount.y]
+        hits = ranges[is_hit, None] * directions + self._mount.position
         table = self._likelihood_cubes(scan.range_max)
         return particle_weights(self._particles, hits, table, *self._grid)
 

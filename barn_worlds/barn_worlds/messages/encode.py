@@ -507,4 +507,4 @@ def _pose_fields(pose: str) -> list[str]:
 
 def _pose_values(pose: Pose2D) -> tuple[float, float, float, float]:
     """Return x, y and z, w of the quaternion of a pose, ordered as `_pose_fields`."""
-    return (pose.x, pose.y, *quaternion_from_yaw(pose.yaw))
+    return (*pose.position, *quaternion_from_yaw(pose.yaw))

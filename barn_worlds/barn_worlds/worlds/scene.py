@@ -57,7 +57,7 @@ class TrialScene(NamedTuple):
     def ends_m(self) -> Floats:
         """Return x, y (k, 2) in m of start and goal; unknown ones are left out."""
         poses = [pose for pose in (self.start, self.goal) if pose is not None]
-        return np.array([(pose.x, pose.y) for pose in poses]).reshape(-1, 2)
+        return np.array([pose.position for pose in poses]).reshape(-1, 2)
 
     def view_m(
         self, low: Floats, high: Floats, *driven_m: Points

@@ -288,9 +288,7 @@ class World:
         if self.start is None or self.goal is None:
             return ()
         poses = (self.start, self.goal)
-        return tuple(
-            float(number) for pose in poses for number in (pose.x, pose.y, pose.yaw)
-        )
+        return tuple(float(number) for pose in poses for number in pose.numbers)
 
     @cached_property
     def checksum(self) -> str:
