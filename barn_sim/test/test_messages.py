@@ -8,7 +8,7 @@ import pytest
 from barn_sim.config import PRESETS, LidarConfig, LocalizationConfig, SimulatorConfig
 from barn_sim.messages import SimulatorMessages
 from barn_sim.sensors.readings import Joints, Sensors
-from barn_worlds.base.types import Odometry, Pose2D, Scan, Velocity2D
+from barn_worlds.base.types import ORIGIN, Odometry, Pose2D, Scan, Velocity2D
 from barn_worlds.messages import decode
 from barn_worlds.messages.cdr import deserialize
 from barn_worlds.messages.topics import AMCL_POSE, JOINT_STATES, ODOM, SCAN, TF, Frames
@@ -70,7 +70,7 @@ def test_an_instant_has_the_time_first_and_the_scan_last():
 
 
 @pytest.mark.parametrize(
-    "since", [Pose2D(0.0, 0.0, 0.0), Pose2D(0.1, 0.0, 0.05)], ids=["at once", "later"]
+    "since", [ORIGIN, Pose2D(0.1, 0.0, 0.05)], ids=["at once", "later"]
 )
 def test_transforms_lead_to_the_robot_between_localizations(since):
     messages = SimulatorMessages(SimulatorConfig(), Frames(map="world"))

@@ -31,7 +31,7 @@ from barn_sim.contact.scene import ContactScene
 from barn_sim.messages import SimulatorMessages
 from barn_sim.simulator import Simulator
 from barn_worlds.base.config import as_dict, from_dict
-from barn_worlds.base.types import Pose2D, Velocity2D
+from barn_worlds.base.types import ORIGIN, Pose2D, Velocity2D
 from barn_worlds.geometry.footprint import Footprint
 from barn_worlds.messages import decode
 from barn_worlds.robots.files import ROBOTS, load_robot
@@ -227,7 +227,7 @@ def test_the_lidar_sees_from_where_it_is_mounted(plain):
     mount = Pose2D(0.1, -0.07, 1.1)
     pose = Pose2D(-2.0, 3.0, 0.7)
     ranges = []
-    for place, start in ((mount, pose), (Pose2D(0.0, 0.0, 0.0), pose @ mount)):
+    for place, start in ((mount, pose), (ORIGIN, pose @ mount)):
         lidar = replace(
             robot.lidar,
             mount_x_m=place.x,

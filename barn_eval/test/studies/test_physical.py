@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from refusals import refused
 
 from barn_eval.api.front import run
 from barn_eval.pages.report.page import build_report
 from barn_eval.running.judge import JudgeOptions, judge
 from barn_eval.studies.physical import fit_line, measure_difficulty
-from barn_worlds.base.errors import ConfigError
 
 WORLDS = "0,50,150,250,290"
 LAB = JudgeOptions(planner="gap", system="jackal 42", pose="/odom", contact="none")
@@ -51,7 +51,7 @@ def test_intervals_cover_the_true_slope(worlds, grows):
 
 
 def test_equal_worlds_have_no_line():
-    with pytest.raises(ConfigError, match="three worlds that differ in difficulty"):
+    with refused("three worlds that differ in difficulty"):
         fit_line(np.ones(5), np.arange(5.0))
 
 
@@ -114,10 +114,10 @@ def test_trials_with_nothing_in_common_do_not_stand_side_by_side(folders, tmp_pa
     _, sim = folders
     bags = [sim / "bags" / "gap_w0050_r00"]
     judge(bags, tmp_path / "other", replace(LAB, planner="other"))
-    with pytest.raises(ConfigError, match="no planner with trials in the same world"):
+    with refused("no planner with trials in the same world"):
         build_report([tmp_path / "other", sim])
     judge(bags, tmp_path / "older", replace(LAB, protocol="challenge_2022"))
-    with pytest.raises(ConfigError, match="protocols: challenge, challenge_2022"):
+    with refused("protocols: challenge, challenge_2022"):
         build_report([tmp_path / "older", sim])
 
 
@@ -129,6 +129,6 @@ def test_simulated_trials_alone_are_named_as_such(folders):
 def test_too_few_worlds_are_refused(folders, tmp_path, rejected):
     lab, sim = folders
     judge([sim / "bags" / "gap_w0050_r00"], tmp_path / "few", LAB)
-    with pytest.raises(ConfigError, match="at least 4 are needed"):
+    with refused("at least 4 are needed"):
         measure_difficulty([tmp_path / "few"])
     assert "--physical and FOLDERS" in rejected(f"reproduce {lab}", 2)

@@ -12,7 +12,7 @@ from barn_eval.trials.trajectory import (
     compute_clearances,
     measure_trajectory,
 )
-from barn_worlds.base.types import Odometry, Pose2D, Velocity2D
+from barn_worlds.base.types import ORIGIN, Odometry, Pose2D, Velocity2D
 from barn_worlds.geometry.footprint import Rectangle
 
 EXTENT = Rectangle([-0.25, -0.2, 0.25, 0.2])
@@ -32,7 +32,7 @@ def drive(poses, speeds=None, contacts=(), commands=True, stamps_ns=None):
 
 
 def still(count):
-    return [Pose2D(0.0, 0.0, 0.0)] * count
+    return [ORIGIN] * count
 
 
 def measure(poses, centers=FAR, radius_m=0.075, **driven):

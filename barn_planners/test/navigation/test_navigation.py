@@ -18,7 +18,7 @@ from barn_planners.navigation.loop import (
 )
 from barn_planners.registry import make_planner
 from barn_worlds.base.config import replace_dotted
-from barn_worlds.base.types import STOP, OccupancyMap, Pose2D, Velocity2D
+from barn_worlds.base.types import ORIGIN, STOP, OccupancyMap, Pose2D, Velocity2D
 
 BOX = [
     ((-2.0, -2.0), (6.0, -2.0)),
@@ -182,7 +182,7 @@ def test_in_the_map_frame_plans_follow_the_believed_pose(world):
     goal = MAP_OF_ODOM @ GOAL
     planner = started(goal=goal, static_map=free_map(), local_costmap_in_map=True)
     # as when the localisation corrects itself
-    for jump in (Pose2D(0.0, 0.0, 0.0), Pose2D(0.3, 0.2, 0.1)):
+    for jump in (ORIGIN, Pose2D(0.3, 0.2, 0.1)):
         pose = MAP_OF_ODOM @ jump @ world.pose
         decision = planner.step(dataclasses.replace(world.observe(), pose=pose))
         world.advance(STOP)

@@ -17,7 +17,7 @@ from barn_sim.seeds import phase_s
 from barn_sim.sensors.lidar import NO_SHAPES, Lidar
 from barn_sim.simulator import Simulator
 from barn_worlds.base.arrays import unit_vectors
-from barn_worlds.base.types import Pose2D, Velocity2D
+from barn_worlds.base.types import ORIGIN, Pose2D, Velocity2D
 from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.datasets.generate_motion import add_motion, motion_class
 from barn_worlds.geometry.bodies import shape_rows
@@ -51,7 +51,7 @@ def cart(*keys):
 @pytest.fixture
 def simulator(simulators):
     """Make a simulator of a world with a robot at its middle."""
-    return lambda world: simulators(world, FROM_ZERO, Pose2D(0.0, 0.0, 0.0), 0)
+    return lambda world: simulators(world, FROM_ZERO, ORIGIN, 0)
 
 
 def random_shapes(rng, count):

@@ -22,7 +22,7 @@ from barn_sim.sensors.particles import (
     particle_bins,
     particle_weights,
 )
-from barn_worlds.base.types import Pose2D, nanoseconds
+from barn_worlds.base.types import ORIGIN, Pose2D, nanoseconds
 from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
@@ -156,7 +156,7 @@ def test_between_updates_the_pose_follows_the_odometry(pillars):
 
     particles = believer(WIDE, localization_map(pillars, False), 4)
     driven = [
-        Pose2D(0.0, 0.0, 0.0),
+        ORIGIN,
         Pose2D(0.09, 0.0, 0.3),
         Pose2D(0.11, 0.0, 0.3),
         Pose2D(0.11, 0.0, 0.62),
