@@ -14,7 +14,7 @@ name of its own.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -144,8 +144,8 @@ class Protocol(Checked):
     """How trials are run and judged."""
 
     name: str = quantity("own", "name of the protocol")
-    start: PoseRule = field(default_factory=PoseRule)
-    goal: PoseRule = field(default_factory=PoseRule)
+    start: PoseRule = PoseRule()
+    goal: PoseRule = PoseRule()
     clock_start_distance_m: float = quantity(
         math.sqrt(0.1),
         "distance from the start that starts the clock; 0: the clock starts with the goal",

@@ -1,7 +1,7 @@
 """How trials run over ROS: how the planner is reached, and what nodes wait for."""
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.errors import ConfigError
@@ -134,7 +134,7 @@ class PlannerLink(Checked):
         "when the suite restarts a planner that it started",
         choices=RESTARTS,
     )
-    patience: WaitLimits = field(default_factory=WaitLimits)
+    patience: WaitLimits = WaitLimits()
 
 
 @dataclass(frozen=True)

@@ -208,7 +208,7 @@ class RunConfig(Checked):
     )
     planners: tuple[PlannerChoice, ...] = (PlannerChoice(),)
     repetitions: int = quantity(1, "trials per world and planner", "", 1, 99)
-    protocol: Protocol = field(default_factory=lambda: CHALLENGE)
+    protocol: Protocol = CHALLENGE
     simulator: SimulatorConfig = field(
         default_factory=lambda: simulator_config(CHALLENGE)
     )

@@ -62,7 +62,7 @@ class World:
     resolution_m: float = geometry.STANDARD_CELL_M
     # Odd side of the robot's square footprint, for the C-space.
     footprint_cells: int = 5
-    provenance: Provenance = field(default_factory=Provenance)
+    provenance: Provenance = Provenance()
     # What stands and moves beside the grid's cylinders; the C-space does not contain
     # it.
     walls: tuple[Wall, ...] = ()
