@@ -27,6 +27,7 @@ from barn_worlds.base.types import (
     nanoseconds,
     wrap_angle,
 )
+from barn_worlds.worlds.cspace import closest_obstacle
 
 # Costs of map cells from which on they are obstacles.
 _OCCUPIED = 65
@@ -263,7 +264,6 @@ def bin_keys(bins: Integers) -> Integers:
     return keys
 
 
-@kernel
 def obstacle_distances(occupied: BoolGrid, resolution: float) -> Floats:
     """Return each map cell's distance (m) to the nearest occupied one, at most 2 m.
 
@@ -274,18 +274,7 @@ def obstacle_distances(occupied: BoolGrid, resolution: float) -> Floats:
     Returns:
         Distances (rows, columns) in m, at most 2 m.
     """
-    cells = np.argwhere(occupied)
-    distances = np.full(occupied.shape, _FARTHEST_M)
-    if len(cells) == 0:
-        return distances
-    for row in range(occupied.shape[0]):
-        for col in range(occupied.shape[1]):
-            nearest = np.iinfo(np.int64).max
-            for k in range(len(cells)):
-                squared = (cells[k, 0] - row) ** 2 + (cells[k, 1] - col) ** 2
-                nearest = min(nearest, squared)
-            distances[row, col] = min(math.sqrt(nearest) * resolution, _FARTHEST_M)
-    return distances
+    return np.minimum(resolution * closest_obstacle(occupied), _FARTHEST_M)
 
 
 @cache
