@@ -7,7 +7,10 @@ from numpy.random import Generator
 from barn_sim.body.state import Fleet, Record, Records
 from barn_sim.config import OdometryConfig
 from barn_worlds.base.arrays import Floats, kernel
-from barn_worlds.base.types import Odometry, Pose2D, Velocity2D, nanoseconds
+from barn_worlds.base.types import Odometry, Pose2D, Velocity2D, nanoseconds, wrap_angle
+
+# As a kernel, to the same bits.
+wrap = kernel(wrap_angle)
 
 
 class FusedOdometry:
@@ -148,9 +151,3 @@ def read_odometry(
     yaw = wrap(robot.yaw - robot.start_yaw + robot.yaw_error)
     yaw_rate = robot.spin[2] + robot.yaw_rate_error
     return robot.odometry_x, robot.odometry_y, yaw, robot.odometry_speed, yaw_rate
-
-
-@kernel
-def wrap(angle: float) -> float:
-    """Return an angle (rad) in [-pi, pi), as `wrap_angle` of barn_worlds does."""
-    return (angle + math.pi) % (2.0 * math.pi) - math.pi
