@@ -323,7 +323,7 @@ class Episodes:
                 self.scan(index),
                 self._safety,
             )
-            checked[index] = command.linear, command.angular
+            checked[index] = command.numbers
         return checked
 
     def close(self) -> None:

@@ -102,7 +102,7 @@ class DwaController(Controller):
         lines = kernels.traces(start, self._table[shown], self._motion, _DISPLAY_POSES)
         local_plan = None
         if self._command is not None:
-            velocity = np.array([[self._command.linear, self._command.angular]])
+            velocity = np.array([self._command.numbers])
             local_plan = kernels.traces(start, velocity, self._motion, _DISPLAY_POSES)[
                 0
             ]
@@ -229,8 +229,7 @@ class DwaController(Controller):
 
 def _start(inputs: ControlInput) -> kernels.Start:
     """Return the robot's pose and measured velocity, with which rollouts begin."""
-    velocity = inputs.velocity
-    return kernels.Start(*inputs.pose.numbers, velocity.linear, velocity.angular)
+    return kernels.Start(*inputs.pose.numbers, *inputs.velocity.numbers)
 
 
 def sample_velocities(

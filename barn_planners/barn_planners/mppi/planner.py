@@ -182,16 +182,13 @@ class MppiController(Controller):
                 self._costs, self._controls, self.config.temperature, self._mean
             )
             self._solution = sampling.smooth(self._mean, self._past, _SMOOTHING)
-            velocity = (inputs.velocity.linear, inputs.velocity.angular)
             sampling.limit_controls(
-                self._solution, self._limits, self._change, velocity
+                self._solution, self._limits, self._change, inputs.velocity.numbers
             )
         return collisions
 
     def _sample(self, inputs: ControlInput) -> None:
         """Fill controls and poses with samples around the solution, itself first."""
-        pose = inputs.pose
-        velocity = inputs.velocity
         sampling.fill_normal(self._random, self._noise.reshape(-1, self.config.samples))
         self._noise[:, :, 0] = 0.0
         sampling.rollout(
@@ -199,7 +196,7 @@ class MppiController(Controller):
             self._noise,
             self._spread,
             self._change,
-            (*pose.numbers, velocity.linear, velocity.angular),
+            (*inputs.pose.numbers, *inputs.velocity.numbers),
             self.config.step_s,
             self._controls,
             self._poses,

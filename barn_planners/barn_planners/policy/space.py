@@ -196,15 +196,13 @@ class ObservationEncoder:
         Raises:
             ConfigError: If the scan has a `problem`.
         """
-        pose = observation.pose
-        velocity = observation.odometry.velocity
         frames = np.empty((1, self.config.frame_size), np.float32)
         self.encode_all(
             observation.scan,
             observation.scan.ranges[None],
-            np.array([pose.numbers]),
+            np.array([observation.pose.numbers]),
             np.array([goal.position]),
-            np.array([[velocity.linear, velocity.angular]]),
+            np.array([observation.odometry.velocity.numbers]),
             np.zeros(1, np.intp),
             frames,
         )

@@ -161,7 +161,7 @@ def test_many_actions_at_once_become_the_same_velocities(kind):
     actions = np.random.default_rng(0).uniform(-1.5, 1.5, (202, 2)).astype(kind)
     actions[-2:] = [[math.nan, 1.0], [-0.0, math.inf]]
     commands = [action.command(values) for values in actions]
-    expected = [(command.linear, command.angular) for command in commands]
+    expected = [command.numbers for command in commands]
     assert_array_equal(action.commands(actions), expected)
 
 
@@ -187,7 +187,7 @@ def test_the_gap_of_a_drive_against_small_steps():
     for _ in range(12):
         points = rng.uniform(-1.0, 1.0, (5, 2)) + [0.8, 0.0]
         velocity = Velocity2D(*rng.uniform(-1.5, 1.5, 2).tolist())
-        command = (velocity.linear, velocity.angular)
+        command = velocity.numbers
         clearance = least_clearance(points, *command, 400, 0.6 / 400, *size_m)
         expected = reference_gap(points, velocity, 0.6, size_m)
         assert clearance == pytest.approx(expected, abs=2e-3)

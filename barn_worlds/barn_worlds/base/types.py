@@ -125,6 +125,11 @@ class Velocity2D:
     angular: float = 0.0
     """Yaw rate in rad/s."""
 
+    @property
+    def numbers(self) -> tuple[float, float]:
+        """Forward speed in m/s and yaw rate in rad/s."""
+        return self.linear, self.angular
+
     def is_finite(self) -> bool:
         """Tell whether both numbers are finite."""
         return math.isfinite(self.linear) and math.isfinite(self.angular)

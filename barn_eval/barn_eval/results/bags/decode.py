@@ -27,8 +27,7 @@ _BASES = ("base_link", "base_footprint")  # of a robot, maybe with a prefix
 def _odometry(data: bytes) -> Odometry:
     """Return the content of an Odometry message; MessageError if it is not finite."""
     odometry = decode.odometry(data)
-    velocity = odometry.velocity
-    _require_finite(velocity.linear, velocity.angular, *odometry.pose.numbers)
+    _require_finite(*odometry.velocity.numbers, *odometry.pose.numbers)
     return odometry
 
 
