@@ -100,7 +100,7 @@ def test_rays_agree_with_a_plain_reference(seed, count):
     sensor = pose @ Pose2D(config.mount_x_m, 0.0, 0.0)
     angles = scan.angles() + sensor.yaw
     beams = unit_vectors(angles)
-    origin = np.array([sensor.x, sensor.y])
+    origin = np.array(sensor.position)
     expected = np.full(len(beams), np.inf)
     for k, beam in enumerate(beams):
         hits = [plain_hit(origin, beam, shape) for shape in shapes]

@@ -227,7 +227,7 @@ def test_random_particles_are_drawn_while_the_average_falls(pillars, slower, fas
 def test_random_particles_lie_in_free_cells(pillars):
     static_map = localization_map(pillars, False)
     poses = believer(AT_START, static_map)._random_poses(5000)
-    away = poses[:, :2] - [static_map.origin_x, static_map.origin_y]
+    away = poses[:, :2] - static_map.origin
     columns, rows = (away / static_map.resolution).astype(int).T
     free = static_map.data == 0
     assert free[rows, columns].all()

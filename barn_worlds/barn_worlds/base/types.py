@@ -201,3 +201,8 @@ class OccupancyMap:
     """Position of the outer corner of data[0, 0] in the map frame."""
 
     origin_y: float
+
+    @property
+    def origin(self) -> tuple[float, float]:
+        """Position (x, y) of the outer corner of data[0, 0] in the map frame, in m."""
+        return self.origin_x, self.origin_y

@@ -305,7 +305,7 @@ def encode_map(grid: OccupancyMap, stamp_ns: int, frame: str) -> bytes:
     cells = np.ascontiguousarray(grid.data, np.int8)
     stamp = divmod(stamp_ns, NANOSECONDS_PER_SECOND)
     layout = _grid_layout(*cells.shape, grid.resolution, frame)
-    return layout.fill(*stamp, *stamp, grid.origin_x, grid.origin_y, cells.tobytes())
+    return layout.fill(*stamp, *stamp, *grid.origin, cells.tobytes())
 
 
 # A planner's costmap keeps its size.

@@ -84,7 +84,7 @@ def scene_of_map(grid: OccupancyMap) -> TrialScene:
     """Return the scene of a map: a cylinder in each occupied cell beside a free one."""
     is_occupied = grid.data > OCCUPIED // 2
     rows, columns = np.nonzero(is_occupied & ~hollow_cells(is_occupied))
-    corner = np.array([grid.origin_x, grid.origin_y])
+    corner = np.array(grid.origin)
     return TrialScene(
         obstacles_m=corner + (np.column_stack([columns, rows]) + 0.5) * grid.resolution,
         walls_m=np.empty((0, 2)),

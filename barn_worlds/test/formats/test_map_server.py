@@ -47,7 +47,7 @@ def test_thresholds_are_honoured(tmp_path):
     grid = read_map(save(tmp_path))
     # chance of being occupied, upper image row: 1, 0.651, 0.647; lower, which is data[0]: 0.2510, 0.2471, 0
     assert grid.data.tolist() == [[-1, 0, 0], [100, 100, -1]]
-    assert (grid.resolution, grid.origin_x, grid.origin_y) == (0.1, 1.0, -2.0)
+    assert (grid.resolution, *grid.origin) == (0.1, 1.0, -2.0)
     negated = read_map(save(tmp_path, YAML.replace("negate: 0", "negate: 1")))
     assert negated.data.tolist() == [[100, 100, 100], [0, -1, -1]]
 
@@ -66,7 +66,7 @@ def test_maps_come_back(tmp_path_factory, data, resolution, x):
     write_map(OccupancyMap(data, resolution, x, -x), path)
     read = read_map(path.with_name("a.b.yaml"))
     assert np.array_equal(read.data, data)
-    assert (read.resolution, read.origin_x, read.origin_y) == (resolution, x, -x)
+    assert (read.resolution, *read.origin) == (resolution, x, -x)
 
 
 def test_a_plain_image_gives_the_same_map(tmp_path):

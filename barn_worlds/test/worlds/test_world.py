@@ -146,9 +146,8 @@ def test_historical_maps_equal_the_original_ones(original_folder):
         ours = dataset.load(index).occupancy_map(historical=True)
         assert published.data.shape == (66, 30)
         assert np.array_equal(ours.data, published.data), index
-        assert (published.resolution, published.origin_x, published.origin_y) == place
-        origin = (ours.origin_x, ours.origin_y)
-        assert (ours.resolution, *origin) == pytest.approx(place)
+        assert (published.resolution, *published.origin) == place
+        assert (ours.resolution, *ours.origin) == pytest.approx(place)
 
 
 @pytest.mark.parametrize("resolution_m", [None, 0.03, 0.05, 0.1, 0.4])

@@ -108,7 +108,7 @@ def bounds(recorded: RecordedTrial) -> list[float]:
     if recorded.moving is not None and len(recorded.moving.walls.poses):
         areas.append((np.concatenate(recorded.moving.walls.outlines()), 0.25))
     if grid is not None:
-        corner = np.array([grid.origin_x, grid.origin_y])
+        corner = np.array(grid.origin)
         size = np.array(grid.data.shape[::-1]) * grid.resolution
         areas.append((np.stack([corner, corner + size]), 0.0))
 
@@ -200,8 +200,7 @@ def _add_moving(recorded: RecordedTrial, arrays: Arrays) -> dict[str, Any] | Non
 def _grid_list(grid: OccupancyMap, frame: Pose2D) -> list[float]:
     """Return columns, rows, resolution, origin x, y and frame x, y, yaw of a grid."""
     rows, columns = grid.data.shape
-    corner = [grid.origin_x, grid.origin_y]
-    return [columns, rows, grid.resolution, *corner, *frame.numbers]
+    return [columns, rows, grid.resolution, *grid.origin, *frame.numbers]
 
 
 def _add_scans(recorded: RecordedTrial, arrays: Arrays) -> dict[str, float] | None:

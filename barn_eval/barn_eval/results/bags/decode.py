@@ -60,7 +60,7 @@ def _grid(data: bytes) -> OccupancyMap:
     grid = decode.occupancy_map(data)
     if not 0 < grid.data.size <= _MAX_CELLS or grid.resolution <= 0.0:
         raise MessageError(f"a grid of {grid.data.size} cells of {grid.resolution} m")
-    _require_finite(grid.resolution, grid.origin_x, grid.origin_y)
+    _require_finite(grid.resolution, *grid.origin)
     return grid
 
 
