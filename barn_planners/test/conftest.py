@@ -71,7 +71,7 @@ class FlatWorld:
             self.pose.yaw + target.angular * self.period_s,
         )
         self.stamp_ns += nanoseconds(self.period_s)
-        self.track.append((self.pose.x, self.pose.y, self.pose.yaw))
+        self.track.append(self.pose.numbers)
         for x, y, radius in self.cylinders:
             gap = math.hypot(x - self.pose.x, y - self.pose.y) - radius
             self.clearance = min(self.clearance, gap)

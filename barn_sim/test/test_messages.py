@@ -30,10 +30,6 @@ SENSORS = Sensors(
 )
 
 
-def numbers(pose):
-    return pose.x, pose.y, pose.yaw
-
-
 def test_an_instant_has_the_time_first_and_the_scan_last():
     sent = list(SimulatorMessages(SimulatorConfig()).sensors(SENSORS, STAMP))
     data = {topic.path: data for topic, data in sent}
@@ -79,7 +75,8 @@ def test_transforms_lead_to_the_robot_between_localizations(since):
     first, second = decode.transforms(data)
     assert (first.parent, first.child) == ("world", "odom")
     assert (second.parent, second.child) == ("odom", "base_link")
-    assert numbers(first.pose @ second.pose) == pytest.approx(numbers(BELIEVED @ since))
+    found = first.pose @ second.pose
+    assert found.numbers == pytest.approx((BELIEVED @ since).numbers)
 
 
 def test_first_transforms_are_those_of_the_start():
@@ -88,7 +85,7 @@ def test_first_transforms_are_those_of_the_start():
     for stamp_s in (1, 2):
         _, data = messages.last_transforms(stamp_s * 10**9)
         first, second = decode.transforms(data)
-        assert numbers(first.pose @ second.pose) == pytest.approx(numbers(start))
+        assert (first.pose @ second.pose).numbers == pytest.approx(start.numbers)
         for transform in deserialize(data, TF.type_name).transforms:
             assert transform.header.stamp.sec == stamp_s
 

@@ -266,9 +266,7 @@ def test_clearance_is_from_an_outline_that_need_not_be_centred(
     pose = Pose2D(0.3, -0.2, 0.6)
     outline = Rectangle([-0.1, -0.35, 0.4, 0.05])
     center = pose.transform(np.array([[ahead_m, left_m]]))
-    assert clearance([pose.x, pose.y, pose.yaw], center, outline) == pytest.approx(
-        expected
-    )
+    assert clearance(pose.numbers, center, outline) == pytest.approx(expected)
 
 
 def test_clearance_is_to_the_nearest_of_many():

@@ -94,7 +94,7 @@ def plain_update(costmap, lethal, pose, scan, lidar):
             continue
         angle = sensor.yaw + scan.angle_min + k * scan.angle_increment
         tip = seen(min(r, config.raytrace_range_m), angle)
-        cleared |= set(plain_line(*costmap.cell(sensor.x, sensor.y), *tip))
+        cleared |= set(plain_line(*costmap.cell(*sensor.position), *tip))
         if r < config.obstacle_range_m:
             marked.add(seen(r, angle))
     after = lethal.copy()
@@ -110,7 +110,7 @@ def plain_footprint(costmap, pose):
     """Return outline and inside of the padded footprint: in every column all cells between two of the outline."""
     a, b = costmap.outline[0]
     places = [pose @ Pose2D(x, y, 0.0) for x, y in ((a, b), (-a, b), (-a, -b), (a, -b))]
-    outline = plain_outline([costmap.cell(place.x, place.y) for place in places])
+    outline = plain_outline([costmap.cell(*place.position) for place in places])
     cells = set()
     for col in {col for _, col in outline}:
         rows = [row for row, other in outline if other == col]
@@ -170,7 +170,7 @@ def test_marks_and_costs_equal_the_plain_ones(seed):
         scan = scan_of(ranges)
         before = corner
         costmap.update(pose, scan, lidar)
-        assert costmap.cell(pose.x, pose.y) == (20, 20)
+        assert costmap.cell(*pose.position) == (20, 20)
         assert costmap.cost_at(pose.x + 2.1, pose.y) is None
         corner = np.rint(np.array([costmap.origin_y, costmap.origin_x]) / 0.1)
         if before is not None:
@@ -247,7 +247,7 @@ def test_a_goal_lies_on_the_global_costmap_however_far_it_is():
     for goal in (Pose2D(20.0, 0.0, 0.0), Pose2D(-3.0, -60.0, 0.0)):
         costmap = global_costmap(config, None, goal)
         costmap.update(ORIGIN, NOTHING, ORIGIN)
-        assert costmap.cost_at(goal.x, goal.y) is not None
+        assert costmap.cost_at(*goal.position) is not None
     for far in (1e6, math.inf, math.nan):  # planners say that it is off the costmap
         costmap = global_costmap(config, None, Pose2D(far, 0.0, 0.0))
         assert costmap.config == config
@@ -269,7 +269,7 @@ def plain_points(pose, scan, lidar_x):
             along = f(f(cos * x) - f(sin * y))
             across = f(f(sin * x) + f(cos * y))
             points.append((f(along + f(sensor.x)), f(across + f(sensor.y))))
-    return (sensor.x, sensor.y), np.array(points, np.float64).reshape(-1, 2)
+    return sensor.position, np.array(points, np.float64).reshape(-1, 2)
 
 
 def plain_ray(costmap, sensor, point):
@@ -316,9 +316,9 @@ def filled_footprint(costmap, pose):
     """
     a, b = costmap.outline[0]
     places = [pose @ Pose2D(x, y, 0.0) for x, y in ((-a, -b), (-a, b), (a, b), (a, -b))]
-    if not all(costmap.world_to_cell(place.x, place.y) for place in places):
+    if not all(costmap.world_to_cell(*place.position) for place in places):
         return set()
-    outline = plain_outline([costmap.cell(place.x, place.y) for place in places])
+    outline = plain_outline([costmap.cell(*place.position) for place in places])
     cells = set(outline)
     waiting = sorted(outline, key=itemgetter(1))
     for col in range(waiting[0][1], waiting[-1][1] + 1):

@@ -29,7 +29,7 @@ def inputs(pose=ORIGIN, velocity=STOP, goal=AHEAD, lethal=()):
     costmap.update(pose, nothing, ORIGIN)
     for x, y in lethal:
         costmap.costs[costmap.world_to_cell(x, y)] = LETHAL
-    plan = np.linspace((pose.x, pose.y, goal.yaw), (goal.x, goal.y, goal.yaw), 100)
+    plan = np.linspace((*pose.position, goal.yaw), goal.numbers, 100)
     return ControlInput(0, pose, velocity, costmap, plan, plan, goal, True)
 
 

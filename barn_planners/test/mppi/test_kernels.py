@@ -173,7 +173,7 @@ def test_obstacle_costs(poses, near_goal):
     collided = np.zeros(SAMPLES, bool)
     for k in range(SAMPLES):
         looked_at = [Pose2D(*pose) for pose in poses[::2, :, k].tolist()]
-        cells = [costmap.cost_at(pose.x, pose.y) for pose in looked_at]
+        cells = [costmap.cost_at(*pose.position) for pose in looked_at]
         collided[k] = 254 in cells or any(
             cell > 0 and footprint_touches(costmap, pose)
             for cell, pose in zip(cells, looked_at, strict=True)

@@ -242,7 +242,7 @@ def test_a_policy_that_steers_for_the_goal_reaches_it(flat_world, linear_policy)
     planner = make_planner("policy", "challenge", {"policy_path": path})
     status = world.drive(planner, Pose2D(4.0, 2.0, 0.0), 20.0)
     assert status is PlannerStatus.GOAL_REACHED
-    assert math.dist((world.pose.x, world.pose.y), (4.0, 2.0)) < 0.25
+    assert math.dist(world.pose.position, (4.0, 2.0)) < 0.25
 
 
 @pytest.mark.parametrize("enabled", [True, False])

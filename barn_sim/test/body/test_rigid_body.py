@@ -247,7 +247,7 @@ def test_starts_at_rest_where_it_was_put_and_stays(driven):
     robot.run(0.0, 0.0, 5.0)
     pose = robot.pose
     velocity = robot.velocity
-    assert math.hypot(pose.x, pose.y) < 1e-5
+    assert math.hypot(*pose.position) < 1e-5
     assert abs(pose.yaw - 0.7) < 1e-6
     assert abs(velocity.linear) < 1e-9
     assert abs(velocity.angular) < 1e-9

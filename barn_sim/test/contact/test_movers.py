@@ -177,7 +177,7 @@ def test_an_obstacle_that_jumps_onto_the_robot_touches_it(simulator):
     touched = next(reading for reading in readings if reading.collision)
     assert touched.stamp_ns * 1e-9 == pytest.approx(1.75, abs=0.051)
     pose = robot.read_truth().pose
-    assert math.hypot(pose.x, pose.y) < 5.0
+    assert math.hypot(*pose.position) < 5.0
 
 
 def test_the_phase_is_drawn_from_the_seed_and_can_be_zero(simulators):

@@ -106,7 +106,7 @@ def test_the_lidar_sees_a_pushed_cylinder_where_it_is_now(simulators):
     bearing = math.atan2(place.y, place.x)
     beam = np.argmin(np.abs(sensors.scan.angles() - bearing))
     if np.isfinite(centers[0, 0]):
-        expected = math.hypot(place.x, place.y) - 0.075
+        expected = math.hypot(*place.position) - 0.075
         assert sensors.scan.ranges[beam] == pytest.approx(expected, abs=0.02)
     else:  # it has fallen over: what is seen there lies behind
         assert sensors.scan.ranges[beam] > 0.5

@@ -28,7 +28,7 @@ def reference(pose, scan, mount_x, centers, radius):
     sensor = pose @ Pose2D(mount_x, 0.0, 0.0)
     angles = scan.angles() + sensor.yaw
     beams = unit_vectors(angles)
-    to_centre = centers - [sensor.x, sensor.y]
+    to_centre = centers - sensor.position
     along = beams @ to_centre.T
     square = (to_centre**2).sum(axis=1) - radius**2
     root = along**2 - square
@@ -84,7 +84,7 @@ def bullet_ranges(client, pose, scan):
     sensor = pose @ Pose2D(QUIET.mount_x_m, 0.0, 0.0)
     angles = scan.angles() + sensor.yaw
     reach = scan.range_max
-    starts = np.tile([sensor.x, sensor.y, 0.3], (len(angles), 1))
+    starts = np.tile([*sensor.position, 0.3], (len(angles), 1))
     beams = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))])
     ends = (starts + reach * beams).tolist()
     hits = bullet.rayTestBatch(starts.tolist(), ends, physicsClientId=client)

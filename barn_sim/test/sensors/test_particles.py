@@ -176,7 +176,7 @@ def test_a_correction_is_late_if_configured_the_first_is_not(pillars):
             truth = START @ odometry
             estimate = Pose2D(truth.x + x, truth.y + y, truth.yaw + yaw)
             pose = estimate @ odometry.inverse()
-            poses.append((pose.x, pose.y, pose.yaw))
+            poses.append(pose.numbers)
         corrections.append(np.array(poses))
     prompt, late = corrections
     steps = round(1.0 * SPEED_M_S / 0.02)

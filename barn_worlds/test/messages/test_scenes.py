@@ -208,8 +208,8 @@ def test_a_scene_comes_out_as_it_went_in():
     assert scene.cylinders_m.tolist() == SCENE.cylinders_m.tolist()
     assert (scene.radius_m, scene.height_m, len(scene.walls_m)) == (0.075, 1.0, 1)
     assert scene.path_m.tolist() == SCENE.path_m.tolist()
-    assert (scene.goal.x, scene.goal.y, scene.goal_distance_m) == (-2.25, 13.0, 0.3)
-    start = (scene.start.x, scene.start.y, scene.start.yaw)
+    assert (*scene.goal.position, scene.goal_distance_m) == (-2.25, 13.0, 0.3)
+    start = scene.start.numbers
     assert start == pytest.approx((-2.25, 3.0, 1.5))
     no_path = np.empty((0, 2))
     bare = TrialScene(SCENE.obstacles_m, SCENE.walls_m, 0.075, 1.0, no_path)

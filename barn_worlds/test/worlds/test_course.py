@@ -69,7 +69,7 @@ def test_a_map_without_a_course_gets_far_apart_ends(tmp_path):
     grid[40:80, 20:60] = True  # in it a closed room, smaller than the hall
     grid[45:75, 25:55] = False
     world = opened(written(tmp_path, grid))
-    ends = np.array([(world.start.x, world.start.y), (world.goal.x, world.goal.y)])
+    ends = np.array([world.start.position, world.goal.position])
     assert np.allclose(world.path_m()[[0, -1]], ends)
     # A block may cut a corner of the way that is measured.
     assert 9.5 < world.path_length_m <= 1.05 * LONGEST_M
@@ -89,7 +89,7 @@ def test_a_large_map_gets_a_way_that_a_trial_has_time_for(tmp_path):
     grid = np.zeros((900, 900), bool)
     grid[450:460, 450:460] = True  # the ends are where the lidar sees something
     world = opened(written(tmp_path, grid))
-    ends = [(pose.x, pose.y) for pose in (world.start, world.goal)]
+    ends = [pose.position for pose in (world.start, world.goal)]
     away = np.abs(world.cylinders_m[:, None] - ends)
     assert (away.max(axis=2).min(axis=0) < 16.0).all()
     assert 9.5 < world.path_length_m <= 1.05 * LONGEST_M
@@ -115,7 +115,7 @@ def test_routes_are_long_bent_narrow_and_spread(tmp_path):
         for route, length in zip(routes, straight_m, strict=True)
     ]
     assert np.mean(ratios) > 1.4
-    starts = np.array([(route.start.x, route.start.y) for route in routes])
+    starts = np.array([route.start.position for route in routes])
     assert (np.ptp(starts, axis=0) > [5.0, 8.0]).all()
     assert len({route.checksum for route in routes}) == 12
     assert all(map(is_free, routes))
@@ -139,7 +139,7 @@ def test_more_routes_than_a_map_has_are_refused(tmp_path):
 
 def test_start_and_goal_come_from_the_file_of_the_map(driven):
     assert driven.start == Pose2D(0.0, 3.0, 0.5)
-    assert (driven.goal.x, driven.goal.y) == (1.0, 18.0)
+    assert driven.goal.position == (1.0, 18.0)
     assert driven.goal.yaw == pytest.approx(math.atan2(15.0, 1.0))
     path_m = driven.path_m()
     off_m = path_m[[0, -1]] - [[0.0, 3.0], [1.0, 18.0]]
@@ -199,7 +199,7 @@ def test_benchmark_worlds_have_no_start_of_their_own():
 def test_a_course_is_put_in_place_of_a_worlds_own(driven):
     other = fit_to_robot(driven, STANDARD_ROBOT, (2.0, 3.0, 1.0, 5.0, 8.0))
     assert other.start == Pose2D(2.0, 3.0, 1.0)
-    assert (other.goal.x, other.goal.y) == (5.0, 8.0)
+    assert other.goal.position == (5.0, 8.0)
     assert other.path_length_m < driven.path_length_m
     assert other.checksum != driven.checksum
 
