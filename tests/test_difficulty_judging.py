@@ -12,7 +12,7 @@ from barn_metrics.model import ModelError
 from barn_metrics.model.inputs import input_names, inputs_of
 
 
-def make_trials(worlds, repetitions=4, noise=0.1):
+def make_trials(worlds, repetitions=4):
     """Return trials whose time follows the share of narrow places, with noise, the second planner 1 s/m slower."""
     generator = np.random.default_rng(3)
     narrow = inputs_of(worlds.values())[:, input_names().index("narrow_share")]
@@ -21,7 +21,7 @@ def make_trials(worlds, repetitions=4, noise=0.1):
         for planner, slower in (("quick", 0.0), ("slow", 1.0)):
             for _ in range(repetitions):
                 easy = 8.0 + 3.0 * share
-                time = easy + slower + noise * generator.standard_normal()
+                time = easy + slower + 0.1 * generator.standard_normal()
                 rows.append((index, planner, time, generator.random() < 0.9))
     numbers, planners, times, succeeded = zip(*rows, strict=True)
     return Trials(np.array(numbers), planners, np.array(times), np.array(succeeded))
