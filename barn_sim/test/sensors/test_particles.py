@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from driving import difference
+from driving import difference, world_with
 
 from barn_sim.config import PRESETS, LocalizationConfig
 from barn_sim.sensors.lidar import Lidar
@@ -24,7 +24,6 @@ from barn_sim.sensors.particles import (
 )
 from barn_worlds.base.types import ORIGIN, Pose2D, nanoseconds
 from barn_worlds.datasets.dataset import open_dataset
-from barn_worlds.worlds.world import World
 
 WIDE = LocalizationConfig(mode="particles", half_cell_low=False)
 AT_START = replace(WIDE, initial_std_m=0.0, initial_yaw_std_rad=0.0)
@@ -37,10 +36,8 @@ SPEED_M_S = 0.4
 @pytest.fixture(scope="module")
 def pillars():
     """Unevenly spaced pillars along both sides and two walls ahead, which fix all three coordinates from the start."""
-    grid = np.zeros((30, 30), np.bool_)
-    grid[4, [1, 3, 8, 10, 16, 21, 29]] = grid[25, [2, 6, 7, 13, 18, 24, 28]] = True
-    grid[8:13, 20] = grid[18:23, 24] = True
-    return World("pillars", grid, np.array([[15, column] for column in range(30)]))
+    sides = (4, [1, 3, 8, 10, 16, 21, 29]), (25, [2, 6, 7, 13, 18, 24, 28])
+    return world_with(*sides, np.s_[8:13, 20], np.s_[18:23, 24])
 
 
 def believer(config, static_map, seed=0):
