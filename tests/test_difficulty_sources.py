@@ -91,9 +91,8 @@ def test_uncounted_trials_and_incomplete_worlds_are_left_out(tmp_path):
 def test_other_sources_are_refused(tmp_path):
     (tmp_path / "t.parquet").write_bytes(b"PAR1")
     for name in ("none.csv", "none", "t.parquet"):
-        with refused(r"none|t\.parquet", BarnError) as caught:
+        with refused(r"none|t\.parquet", BarnError):
             read_trials(tmp_path / name, "barn300")
-        assert "\n" not in str(caught.value)
 
 
 def test_models_and_weights_are_judged_beside_ridge_regression(source, weights):

@@ -112,14 +112,14 @@ def test_a_fault_that_is_not_met_fails(tool, tmp_path, monkeypatch):
         raise kit.Wrong("it is not so")
 
     monkeypatch.setattr(kit, "_LEFT_S", 0.1)
-    case = kit.Case("x", "y", "Done.", "Must.", act, 60.0)
+    case = kit.Case("x", "y", "Done.", "Must.", act)
     outcome = tool.try_case(case, tmp_path, [])
     assert (outcome.status, outcome.measured) == ("failed", "it is not so")
 
     def sleep(lab):
         lab.start_program(["sleep", "600"])
 
-    case = kit.Case("x", "z", "Done.", "Must.", sleep, 60.0)
+    case = kit.Case("x", "z", "Done.", "Must.", sleep)
     left = tool.try_case(case, tmp_path, [])
     assert left.status == "failed"
     assert "processes are left: ['sleep 600 ']" in left.measured

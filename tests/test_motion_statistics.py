@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from motion_statistics import by_class, main, mean_statistics, motion_statistics
+from refusals import refused
 
 from barn_worlds.base.errors import WorldError
 from barn_worlds.datasets.dataset import open_dataset
@@ -83,7 +84,7 @@ def test_worlds_are_counted_by_their_class(tmp_path):
 
 
 def test_a_world_without_motion_is_refused():
-    with pytest.raises(WorldError, match="world_3: nothing moves in it"):
+    with refused("world_3: nothing moves in it", WorldError):
         motion_statistics(open_dataset("barn300").load(3))
 
 

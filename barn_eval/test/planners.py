@@ -98,7 +98,7 @@ class Straight(Planner):
             max(-1.0, min(1.0, 2.0 * wrap_angle(bearing - pose.yaw)))
             + 0.01 * self.rng.standard_normal()
         )
-        self.plan = np.array([[pose.x, pose.y], [self.goal.x, self.goal.y]])
+        self.plan = np.array([pose.position, self.goal.position])
         return Decision(
             Velocity2D(0.5, turn), plan=self.plan, diagnostics={"turn_rad_s": turn}
         )

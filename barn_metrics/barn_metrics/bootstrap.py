@@ -35,12 +35,16 @@ class Interval:
         return Interval(self.estimate, min(self.low, *values), max(self.high, *values))
 
     def scale(self, factor: float) -> "Interval":
-        """Return estimate and limits times a factor, which is above 0 (not checked)."""
-        return self._apply(lambda value: factor * value)
+        """Return estimate and limits times a factor; limits are never swapped."""
+        return Interval(
+            factor * self.estimate,
+            None if self.low is None else factor * self.low,
+            None if self.high is None else factor * self.high,
+        )
 
     def negate(self) -> "Interval":
         """Return a copy with the signs of all numbers changed and limits swapped."""
-        negative = self._apply(lambda value: -value)
+        negative = self.scale(-1.0)
         return Interval(negative.estimate, negative.high, negative.low)
 
     def columns(self, name: str) -> dict[str, float | None]:
@@ -58,14 +62,6 @@ class Interval:
         if self.low is None or self.high is None:
             return text
         return f"{text} [{number(self.low, digits)}, {number(self.high, digits)}]"
-
-    def _apply(self, function: Callable[[float], float]) -> "Interval":
-        """Return the interval of a function's values; limits are not swapped."""
-        return Interval(
-            function(self.estimate),
-            None if self.low is None else function(self.low),
-            None if self.high is None else function(self.high),
-        )
 
 
 def number(value: float | None, digits: int = 2) -> str:

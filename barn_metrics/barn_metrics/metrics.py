@@ -43,9 +43,8 @@ class Formula(Checked):
         minimum=4,
     )
 
-    def __post_init__(self) -> None:
+    def check_rules(self) -> None:
         """Raise ConfigError unless axes is 4 or 8."""
-        super().__post_init__()
         self.require(self.axes in (4, 8), "axes", "must be 4 or 8")
 
 

@@ -8,7 +8,15 @@ import pytest
 from shared_fixtures import private_domain
 
 from barn_planners.interface import Decision, Observation, PlannerStatus, Task
-from barn_worlds.base.types import STOP, Odometry, Pose2D, Scan, Velocity2D, nanoseconds
+from barn_worlds.base.types import (
+    ORIGIN,
+    STOP,
+    Odometry,
+    Pose2D,
+    Scan,
+    Velocity2D,
+    nanoseconds,
+)
 
 __all__ = ["private_domain"]
 ANGLES = np.linspace(-2.35619, 2.35619, 360)
@@ -20,7 +28,7 @@ class FlatWorld:
     """cylinders: (n, 3) x, y, radius. The odometry frame is the world's; time starts at `stamp_ns`."""
 
     cylinders: np.ndarray
-    pose: Pose2D = field(default_factory=lambda: Pose2D(0.0, 0.0, 0.0))
+    pose: Pose2D = ORIGIN
     velocity: Velocity2D = STOP
     stamp_ns: int = 7_000_000_000
     period_s: float = 0.05
@@ -63,7 +71,7 @@ class FlatWorld:
             self.pose.yaw + target.angular * self.period_s,
         )
         self.stamp_ns += nanoseconds(self.period_s)
-        self.track.append((self.pose.x, self.pose.y, self.pose.yaw))
+        self.track.append(self.pose.numbers)
         for x, y, radius in self.cylinders:
             gap = math.hypot(x - self.pose.x, y - self.pose.y) - radius
             self.clearance = min(self.clearance, gap)

@@ -1,10 +1,12 @@
 """Planners by name: built in, registered, announced by other packages."""
 
+import re
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, EntryPoints
 
 import pytest
 import yaml
+from refusals import refused
 
 from barn_planners import registry
 from barn_planners.interface import Decision, Planner
@@ -17,7 +19,6 @@ from barn_planners.registry import (
     register,
 )
 from barn_worlds.base.config import Checked, quantity
-from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import STOP
 
 
@@ -81,9 +82,8 @@ MISTAKES = """
 
 @pytest.mark.parametrize("arguments, message", yaml.safe_load(MISTAKES))
 def test_mistakes_are_named_in_one_line(arguments, message):
-    with pytest.raises(ConfigError) as caught:
+    with refused(re.escape(message)):
         make_planner(*arguments)
-    assert message in str(caught.value) and "\n" not in str(caught.value)
 
 
 CANNOT_WORK = yaml.safe_load("""
@@ -111,16 +111,15 @@ must leave a footprint:
 @pytest.mark.parametrize("message", CANNOT_WORK)
 def test_values_that_cannot_work_are_refused(message):
     name, values = CANNOT_WORK[message]
-    with pytest.raises(ConfigError) as caught:
+    with refused(re.escape(message)):
         make_planner(name, overrides=values)
-    assert message in str(caught.value)
 
 
 def test_a_registered_planner_is_found_and_names_are_unique():
     register("stand", ENTRY)
     assert "stand" in planner_names() and isinstance(make_planner("stand"), Stand)
     for name in ("stand", "dwa"):
-        with pytest.raises(ConfigError, match="already exists"):
+        with refused("already exists"):
             register(name, ENTRY)
 
 
@@ -152,11 +151,10 @@ def test_one_preset_named_default_serves_every_protocol(announced):
 )
 def test_a_broken_entry_point_is_named(announced, value, message):
     announced(value)
-    with pytest.raises(ConfigError) as caught:
+    with refused(re.escape(message)):
         make_planner("stand")
-    assert message in str(caught.value)
 
 
 def test_a_planner_needs_a_preset():
-    with pytest.raises(ConfigError, match="at least one preset"):
+    with refused("at least one preset"):
         PlannerEntry(Stand, {})

@@ -201,7 +201,7 @@ def test_an_enclosed_robot_stays_where_it_is(flat_world, ring, name, preset):
     planner = make_planner(name, preset, changes)
     planner.start(Task(GOAL), 1)
     decisions = observed(world, planner, 240)
-    assert math.hypot(world.pose.x, world.pose.y) < 0.2
+    assert math.hypot(*world.pose.position) < 0.2
     assert decisions[-1].status is not PlannerStatus.RUNNING
     assert abs(world.velocity.linear) < 0.02
 

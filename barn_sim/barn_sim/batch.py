@@ -228,7 +228,7 @@ class Batch:
                 self._cylinders,
                 lidar.directions,
                 lidar.fan,
-                (lidar.mount.x, lidar.mount.y, lidar.mount.yaw),
+                lidar.mount.numbers,
                 lidar.limits,
                 self._noise,
                 used,

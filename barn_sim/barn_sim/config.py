@@ -192,18 +192,17 @@ class SimulatorConfig(Checked):
     control_period_s: float = quantity(
         0.05, "duration of a control step, from command to command", "s", 0.005, 1.0
     )
-    physics: PhysicsConfig = field(default_factory=PhysicsConfig)
+    physics: PhysicsConfig = PhysicsConfig()
     drive: DriveConfig = field(default_factory=DriveConfig)
     lidar: LidarConfig = field(default_factory=LidarConfig)
     odometry: OdometryConfig = field(default_factory=OdometryConfig)
-    localisation: LocalizationConfig = field(default_factory=LocalizationConfig)
-    obstacles: ObstacleConfig = field(default_factory=ObstacleConfig)
+    localisation: LocalizationConfig = LocalizationConfig()
+    obstacles: ObstacleConfig = ObstacleConfig()
     # Set as a whole, by `with_robot`; its fields are not parameters of a node.
     chassis: Chassis = field(default=STANDARD_ROBOT.chassis, metadata=OPTIONAL)
 
-    def __post_init__(self) -> None:
+    def check_rules(self) -> None:
         """Raise ConfigError unless the periods are whole numbers of physics steps."""
-        super().__post_init__()
         periods_s = {
             "control_period_s": self.control_period_s,
             # Compiled code counts ticks. A sensor period between two of them would

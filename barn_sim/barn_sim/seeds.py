@@ -86,6 +86,6 @@ def time_until_hit(
     positions, _ = world.tracks.over(phase_s + times_s)
     for k, time_s in enumerate(times_s.tolist()):
         shapes[:, :2] = positions[k]
-        if outline.gaps(shapes, start.x, start.y, start.yaw).min() <= 0.0:
+        if outline.gaps(shapes, *start.numbers).min() <= 0.0:
             return float(time_s)
     return math.inf

@@ -2,11 +2,11 @@ from contextlib import ExitStack, closing
 
 import numpy as np
 import pytest
+from driving import world_with
 from shared_fixtures import private_domain
 
 from barn_sim.contact.scene import ScenePool
 from barn_sim.simulator import Simulator
-from barn_worlds.worlds.world import World
 
 __all__ = ["private_domain"]
 
@@ -32,14 +32,10 @@ def simulators():
 @pytest.fixture(scope="session")
 def empty_world():
     """A world with nothing but its containment."""
-    path = np.array([[15, column] for column in range(30)])
-    return World("empty", np.zeros((30, 30), np.bool_), path)
+    return world_with()
 
 
 @pytest.fixture(scope="session")
 def walled_world():
     """A world whose first column of cells is filled, but for the path's row."""
-    grid = np.zeros((30, 30), np.bool_)
-    grid[:, 0] = True
-    grid[15, 0] = False
-    return World("walled", grid, np.array([[15, column] for column in range(30)]))
+    return world_with(np.s_[:15, 0], np.s_[16:, 0])

@@ -1,8 +1,19 @@
-"""Robots driven by commands, and at random to compare contacts."""
+"""Simple worlds, and robots driven there by commands, or at random to compare contacts."""
 
 from contextlib import closing
 
+import numpy as np
+
 from barn_worlds.base.types import Velocity2D
+from barn_worlds.worlds.world import World
+
+
+def world_with(*filled, row=15, size=30):
+    """Return a world of `size` by `size` cells, of which some are filled, with a path along a row."""
+    grid = np.zeros((size, size), np.bool_)
+    for cells in filled:
+        grid[cells] = True
+    return World("simple", grid, np.array([[row, column] for column in range(size)]))
 
 
 def readings_of(simulator, commands):

@@ -55,14 +55,13 @@ def expected(sensors):
     poses = [
         part
         for pose in (sensors.truth.pose, sensors.odometry.pose)
-        for part in (pose.x, pose.y, pose.yaw)
+        for part in pose.numbers
     ]
-    velocity = [sensors.odometry.velocity.linear, sensors.odometry.velocity.angular]
     return [
         sensors.stamp_ns,
         sensors.collision,
         *poses,
-        *velocity,
+        *sensors.odometry.velocity.numbers,
         *sensors.scan.ranges,
     ]
 

@@ -5,6 +5,7 @@ from xml.etree.ElementTree import fromstring
 import numpy as np
 import pytest
 import yaml
+from refusals import refused
 
 from barn_sim.body.model import model_of, robot_description
 from barn_sim.config import (
@@ -15,7 +16,6 @@ from barn_sim.config import (
     chassis_in,
 )
 from barn_worlds.base.config import replace_dotted
-from barn_worlds.base.errors import ConfigError
 from barn_worlds.robots.files import STANDARD_ROBOT, load_robot
 
 REFUSALS = """
@@ -34,9 +34,8 @@ REFUSALS = """
 
 @pytest.mark.parametrize("changes, reason", yaml.safe_load(REFUSALS))
 def test_what_is_not_allowed_is_refused_in_one_line(changes, reason):
-    with pytest.raises(ConfigError, match=reason) as error:
+    with refused(reason):
         replace_dotted(SimulatorConfig(), changes, "--sim")
-    assert "\n" not in str(error.value)
 
 
 def test_periods_are_whole_numbers_of_ticks():
@@ -52,7 +51,7 @@ def test_periods_are_whole_numbers_of_ticks():
 
 def test_robot_of_plain_data():
     assert chassis_in({}) == chassis_in(None) == load_robot("jackal").chassis
-    with pytest.raises(ConfigError, match=r"simulator\.chassis"):
+    with refused(r"simulator\.chassis"):
         chassis_in({"chassis": {"name": "x"}})
 
 

@@ -8,7 +8,7 @@ from xml.etree.ElementTree import fromstring
 
 import numpy as np
 import pytest
-from driving import readings_of
+from driving import readings_of, world_with
 
 from barn_sim.body.model import (
     description_text,
@@ -31,12 +31,11 @@ from barn_sim.contact.scene import ContactScene
 from barn_sim.messages import SimulatorMessages
 from barn_sim.simulator import Simulator
 from barn_worlds.base.config import as_dict, from_dict
-from barn_worlds.base.types import Pose2D, Velocity2D
+from barn_worlds.base.types import ORIGIN, Pose2D, Velocity2D
 from barn_worlds.geometry.footprint import Footprint
 from barn_worlds.messages import decode
 from barn_worlds.robots.files import ROBOTS, load_robot
 from barn_worlds.robots.urdf import read_chassis
-from barn_worlds.worlds.world import World
 
 STEP_S = 0.05
 START = Pose2D(-2.25, 3.0, 1.57)
@@ -46,9 +45,7 @@ NAME = attrgetter("name")
 @pytest.fixture(scope="module")
 def plain():
     """A world with nothing but its side walls, 9 m wide."""
-    grid = np.zeros((60, 60), np.bool_)
-    grid[0] = grid[-1] = True
-    return World("plain", grid, np.array([[30, column] for column in range(60)]))
+    return world_with(0, -1, row=30, size=60)
 
 
 def driven(world, config, command, steps, start=START):
@@ -144,9 +141,7 @@ def gap_to(chassis, pose, point):
 @pytest.fixture(scope="module")
 def pillar():
     """A world with one pillar."""
-    grid = np.zeros((60, 60), np.bool_)
-    grid[30, 30] = True
-    return World("pillar", grid, np.array([[20, column] for column in range(60)]))
+    return world_with((30, 30), row=20, size=60)
 
 
 @pytest.mark.parametrize("turned", [0.0, 0.5, 2.4])
@@ -227,7 +222,7 @@ def test_the_lidar_sees_from_where_it_is_mounted(plain):
     mount = Pose2D(0.1, -0.07, 1.1)
     pose = Pose2D(-2.0, 3.0, 0.7)
     ranges = []
-    for place, start in ((mount, pose), (Pose2D(0.0, 0.0, 0.0), pose @ mount)):
+    for place, start in ((mount, pose), (ORIGIN, pose @ mount)):
         lidar = replace(
             robot.lidar,
             mount_x_m=place.x,

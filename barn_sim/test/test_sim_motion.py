@@ -161,7 +161,7 @@ def test_the_version_of_the_physics_names_its_results(walled_world, simulators):
     pose, _ = simulator.motion.pose_and_velocity()
     assert touched
     expected = pytest.approx(FINAL_POSES[PHYSICS_VERSION], abs=1e-9)
-    assert (pose.x, pose.y, pose.yaw) == expected
+    assert pose.numbers == expected
 
 
 def test_a_rotation_is_that_of_the_exponential_map():

@@ -22,7 +22,7 @@ from barn_sim.config import (
 )
 from barn_sim.contact.scene import ScenePool
 from barn_sim.simulator import Simulator
-from barn_worlds.base.types import STOP, Pose2D, Velocity2D
+from barn_worlds.base.types import ORIGIN, STOP, Pose2D, Velocity2D
 from barn_worlds.formats.dataset_file import write_dataset_file
 
 START = Pose2D(-2.25, 3.0, 1.57)
@@ -132,7 +132,7 @@ def test_starts_where_it_is_put_with_odometry_at_zero(empty_world, simulators):
     assert sensors.stamp_ns == 0
     assert sensors.truth.pose.distance(START) < 1e-9
     assert sensors.truth.pose.yaw == pytest.approx(START.yaw, abs=1e-9)
-    assert sensors.odometry.pose.distance(Pose2D(0.0, 0.0, 0.0)) == 0.0
+    assert sensors.odometry.pose.distance(ORIGIN) == 0.0
     assert sensors.localization == sensors.truth.pose
     assert not sensors.collision
 

@@ -1,7 +1,5 @@
 """What several tests need."""
 
-from contextlib import contextmanager
-
 import numpy as np
 import pytest
 from hypothesis import settings
@@ -12,20 +10,6 @@ from barn_worlds.worlds.world import World
 __all__ = ["original_folder", "private_domain"]
 settings.register_profile("suite", deadline=None, max_examples=60, derandomize=True)
 settings.load_profile("suite")
-
-
-@pytest.fixture
-def refused():
-    """Expects an error of one short line with a pattern in it."""
-
-    @contextmanager
-    def expect(kind, pattern, longest=400):
-        with pytest.raises(kind, match=pattern) as caught:
-            yield
-        assert "\n" not in str(caught.value)
-        assert len(str(caught.value)) < longest
-
-    return expect
 
 
 @pytest.fixture

@@ -12,7 +12,6 @@ rows of other cases stay.
 
 import csv
 import fnmatch
-import functools
 import inspect
 import json
 import shutil
@@ -71,12 +70,12 @@ def try_case(case: Case, failed_folder: Path, labs: list[Lab]) -> Outcome:
     `labs`: gets the place.
     """
     folder = Path(tempfile.mkdtemp(prefix="barn-fault-"))
-    lab = Lab(folder, case.limit_s)
+    lab = Lab(folder)
     labs.append(lab)
     began = time.monotonic()
     try:
         status = PASSED
-        measured = case.act(lab)
+        measured = case.act(lab, *case.arguments)
         lab.nothing_left()
     except Skipped as reason:
         status = SKIPPED
@@ -134,10 +133,7 @@ def read_log(path: Path) -> dict[str, dict[str, str]]:
 
 def source(case: Case) -> str:
     """Return the file that holds the case, relative to the repository."""
-    act = case.act
-    while isinstance(act, functools.partial):
-        act = act.func
-    return Path(inspect.getfile(act)).relative_to(_ROOT).as_posix()
+    return Path(inspect.getfile(case.act)).relative_to(_ROOT).as_posix()
 
 
 def log_row(

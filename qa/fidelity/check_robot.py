@@ -185,10 +185,8 @@ class _SelfTest:
             simulator.step(command)
             for _ in range(round(duration_s / self._config.control_period_s))
         ]
-        velocities = [sample.truth.velocity for sample in sensed]
-        linear, angular = np.mean(
-            [(sample.linear, sample.angular) for sample in velocities], axis=0
-        ).tolist()
+        velocities = [sample.truth.velocity.numbers for sample in sensed]
+        linear, angular = np.mean(velocities, axis=0).tolist()
         return linear, angular
 
 

@@ -193,7 +193,7 @@ class _RecordedPlans(GlobalPlanner):
         if not len(points):
             return GlobalPlan(None, "no plan was recorded")
         poses = np.column_stack([points, np.zeros(len(points))])
-        poses[-1] = goal.x, goal.y, goal.yaw
+        poses[-1] = goal.numbers
         return GlobalPlan(poses)
 
 

@@ -203,7 +203,7 @@ class Oracle(Planner):
         now_s = observation.stamp_ns / NANOSECONDS_PER_SECOND
         pose = self._start @ observation.pose
         if now_s - self._planned_s >= REPLANNING_S:
-            position = np.array([pose.x, pose.y])
+            position = np.array(pose.position)
             self._plan = self._space_time.plan(position, now_s)
             self._planned_s = now_s
 
@@ -213,7 +213,7 @@ class Oracle(Planner):
         target_x = float(np.interp(ahead, layers, self._plan[:, 0]))
         target_y = float(np.interp(ahead, layers, self._plan[:, 1]))
         local = pose.inverse() @ Pose2D(target_x, target_y, 0.0)
-        distance_m = math.hypot(local.x, local.y)
+        distance_m = math.hypot(*local.position)
         if distance_m < 0.5 * self._space_time.cell_m:
             return Decision(Velocity2D(0.0, 0.0))
 
@@ -235,8 +235,8 @@ class WaitingOracle(Oracle):
         self._speed_mps *= SPEED_SHARE
         drive_s = self._start.distance(self._goal) / self._speed_mps
         self._line = np.linspace(
-            [self._start.x, self._start.y],
-            [self._goal.x, self._goal.y],
+            self._start.position,
+            self._goal.position,
             math.ceil(drive_s / LAYER_S),
         )
         self._first_layer = 0
@@ -270,7 +270,7 @@ class ParkingOracle(Oracle):
         # Far enough from the start that the clock runs.
         if layer > PARKING_LAYERS[0] and not self._is_parked:
             self._is_parked = any(
-                self._space_time.is_occupied(np.array([pose.x, pose.y]), layer + k)
+                self._space_time.is_occupied(np.array(pose.position), layer + k)
                 for k in range(*PARKING_LAYERS)
             )
         if self._is_parked:

@@ -80,7 +80,7 @@ class EnvConfig(Checked):
     safety: CollisionCheckConfig = field(
         default_factory=lambda: CollisionCheckConfig(enabled=False)
     )
-    reward: RewardConfig = field(default_factory=RewardConfig)
+    reward: RewardConfig = RewardConfig()
 
 
 class UnknownArgumentError(ConfigError, TypeError):

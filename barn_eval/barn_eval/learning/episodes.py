@@ -139,7 +139,7 @@ class Episodes:
         self._trials[index] = trial
         self.running[index] = True
         self.worlds[index] = spec.world_number
-        self._goals[index] = spec.goal.x, spec.goal.y
+        self._goals[index] = spec.goal.position
 
         self._is_new[index] = True
         self._shielded[index] = 0.0
@@ -187,7 +187,7 @@ class Episodes:
         for index in rows.tolist():
             odometry_pose = Pose2D(*self._poses[index].tolist())
             pose = self._simulators[index].read_localization(odometry_pose)
-            self._poses[index] = pose.x, pose.y, pose.yaw
+            self._poses[index] = pose.numbers
 
     def _encode(self, rows: Integers) -> None:
         """Update observations and distances of `rows` by their last readings."""
@@ -323,7 +323,7 @@ class Episodes:
                 self.scan(index),
                 self._safety,
             )
-            checked[index] = command.linear, command.angular
+            checked[index] = command.numbers
         return checked
 
     def close(self) -> None:

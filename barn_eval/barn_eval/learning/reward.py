@@ -55,7 +55,7 @@ def path_points(world: World, course: Course, along: str) -> Floats:
         Points (n, 3): x and y in the map frame, and the length of the path from there
         to the goal, all in m.
     """
-    points = np.array([[course.goal.x, course.goal.y]])
+    points = np.array([course.goal.position])
     if along != STRAIGHT:
         points = np.vstack([world.path_m(), points])
     sides = side_lengths(points)

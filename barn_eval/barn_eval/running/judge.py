@@ -89,9 +89,8 @@ class JudgeOptions(Checked):
     )
     namespace: str = quantity("", "namespace of the topics")
 
-    def __post_init__(self) -> None:
+    def check_rules(self) -> None:
         """Raise ConfigError for a value that is not allowed."""
-        super().__post_init__()
         are_whole = all(number.is_integer() for number in self.numbers("world"))
         self.require(are_whole, "world", "must be whole numbers, such as 0,30")
         self.numbers("contact_at")
@@ -199,7 +198,7 @@ def _split_by_goals(drive: ObservedDrive) -> Iterator[Segment]:
     if not drive.goals:
         yield Segment(drive, 0, count, None)
     poses = [logged.content.pose for logged in drive.poses]
-    positions_m = np.array([(pose.x, pose.y) for pose in poses])
+    positions_m = np.array([pose.position for pose in poses])
     goals: dict[int, Logged] = {}  # by index of their first pose
     last = 0
     for goal in drive.goals:
@@ -358,7 +357,7 @@ def _unknown_world(
             f" {segment.drive.other_goals or 'none'})"
         )
         raise BagError(f"{path}: {reason}; name a goal by --goal, --world or --course")
-    ends = np.array([(start.x, start.y), (goal.x, goal.y)])
+    ends = np.array([start.position, goal.position])
     corner_x, corner_y = (ends.min(axis=0) - _CELL_M).tolist()
     # The world refuses more cells than that.
     sides = np.minimum(np.ptp(ends, axis=0) // _CELL_M + 3, LARGEST_SIDE + 1)

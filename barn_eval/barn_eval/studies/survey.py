@@ -113,7 +113,7 @@ def survey_course(
         recorded_m[number] = (lidar.x, lidar.y)
         pose = pose @ last.inverse() @ lidar
         last = lidar
-        poses[number] = (pose.x, pose.y, pose.yaw)
+        poses[number] = pose.numbers
         scan = returns[returns[:, 0] == number]
         for gate_m in _FIRST_GATES_M:
             matches, _ = _match(scan, poses, plan_m, world, gate_m)

@@ -14,7 +14,7 @@ name of its own.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -70,9 +70,8 @@ class PoseRule(Checked):
         math.pi / 2.0, "heading in the map frame", "rad", -math.pi, math.pi
     )
 
-    def __post_init__(self) -> None:
+    def check_rules(self) -> None:
         """Raise ConfigError for a value out of range, or x_min_m above x_max_m."""
-        super().__post_init__()
         self.require_order("x_min_m", "at most", "x_max_m")
 
     def scaled_to(self, scale: float, first_column_m: float) -> "PoseRule":
@@ -145,8 +144,8 @@ class Protocol(Checked):
     """How trials are run and judged."""
 
     name: str = quantity("own", "name of the protocol")
-    start: PoseRule = field(default_factory=PoseRule)
-    goal: PoseRule = field(default_factory=PoseRule)
+    start: PoseRule = PoseRule()
+    goal: PoseRule = PoseRule()
     clock_start_distance_m: float = quantity(
         math.sqrt(0.1),
         "distance from the start that starts the clock; 0: the clock starts with the goal",
@@ -250,9 +249,8 @@ class Protocol(Checked):
         1000.0,
     )
 
-    def __post_init__(self) -> None:
+    def check_rules(self) -> None:
         """Raise ConfigError for a value out of range, or a name not printable."""
-        super().__post_init__()
         self.require(
             self.name.strip() != "" and self.name.isprintable(),
             "name",
@@ -310,7 +308,7 @@ class Protocol(Checked):
             "path_last": tuple(path[-1].tolist()),
         }
         start = self.start.resolve(anchors)
-        anchors["start"] = (start.x, start.y)
+        anchors["start"] = start.position
         goal = self.goal.resolve(anchors)
         return self._measure_course(world, start, path, goal)
 
@@ -318,7 +316,7 @@ class Protocol(Checked):
         self, world: World, start: Pose2D, path: Points, goal: Pose2D
     ) -> Course:
         """Return the course along `path` (n, 2) in m, straight if of unknown length."""
-        points = np.vstack(([start.x, start.y], path, [goal.x, goal.y]))
+        points = np.vstack((start.position, path, goal.position))
         reference_m = float(side_lengths(points).sum())
         if not world.path_length_m:
             return Course(start, goal, None, start.distance(goal), None)

@@ -101,8 +101,8 @@ class Referee:
         if self._verdict is None:
             self._stamp_ns[:] = stamp_ns
             self._contact[:] = collision
-            self._odometry[:] = odometry.x, odometry.y, odometry.yaw
-            self._truth[:] = truth.x, truth.y, truth.yaw
+            self._odometry[:] = odometry.numbers
+            self._truth[:] = truth.numbers
             rules.observe(
                 self._states,
                 _ONLY,

@@ -1,7 +1,7 @@
 """How trials run over ROS: how the planner is reached, and what nodes wait for."""
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.errors import ConfigError
@@ -134,7 +134,7 @@ class PlannerLink(Checked):
         "when the suite restarts a planner that it started",
         choices=RESTARTS,
     )
-    patience: WaitLimits = field(default_factory=WaitLimits)
+    patience: WaitLimits = WaitLimits()
 
 
 @dataclass(frozen=True)
@@ -172,9 +172,8 @@ class RosConfig(PlannerLink):
         "whether the planner's processes can see and signal only each other, if the kernel supports this",
     )
 
-    def __post_init__(self) -> None:
+    def check_rules(self) -> None:
         """Raise ConfigError for a malformed remap or namespace, or a bad value."""
-        super().__post_init__()
         for rule in self.remap:
             if not _REMAP.fullmatch(rule):
                 raise ConfigError(f"remap must be of the form FROM:=TO, got {rule!r}")

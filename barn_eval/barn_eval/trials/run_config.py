@@ -116,9 +116,8 @@ class PlannerChoice(Checked):
     # not resumed with other files.
     files: dict[str, str] = field(default_factory=dict, metadata=OPTIONAL)
 
-    def __post_init__(self) -> None:
+    def check_rules(self) -> None:
         """Raise ConfigError for a bad name, or settings that its kind does not take."""
-        super().__post_init__()
         if not _NAME.fullmatch(self.name):
             raise ConfigError(
                 f"planner {format_value(self.name)}: a name must be 1 to 60 letters,"
@@ -209,7 +208,7 @@ class RunConfig(Checked):
     )
     planners: tuple[PlannerChoice, ...] = (PlannerChoice(),)
     repetitions: int = quantity(1, "trials per world and planner", "", 1, 99)
-    protocol: Protocol = field(default_factory=lambda: CHALLENGE)
+    protocol: Protocol = CHALLENGE
     simulator: SimulatorConfig = field(
         default_factory=lambda: simulator_config(CHALLENGE)
     )
@@ -241,9 +240,8 @@ class RunConfig(Checked):
     )
     system: System = field(default_factory=System, metadata=OPTIONAL)
 
-    def __post_init__(self) -> None:
+    def check_rules(self) -> None:
         """Raise ConfigError for no or equal planners, or settings of another mode."""
-        super().__post_init__()
         if not self.planners:
             raise ConfigError("planners must name at least one planner")
 
@@ -443,9 +441,8 @@ class ExecutionConfig(Checked):
         20, "trials lost in a row before the run stops", "", 1, 10_000
     )
 
-    def __post_init__(self) -> None:
+    def check_rules(self) -> None:
         """Raise ConfigError for a value out of range, or an address without Ray."""
-        super().__post_init__()
         if self.address and self.engine != "ray":
             raise ConfigError("address needs engine ray")
 

@@ -264,8 +264,8 @@ def _least_path_m(
 
     The discs are those in which no clock starts, and in which the robot has arrived.
     """
-    start = np.array([course.start.x, course.start.y])
-    goal = np.array([course.goal.x, course.goal.y])
+    start = np.array(course.start.position)
+    goal = np.array(course.goal.position)
     centers = np.empty((0, 2))
     radius_m = 0.0
 

@@ -43,9 +43,8 @@ class System(Checked):
         "simulation", "source of contacts: a topic, operator, or none"
     )
 
-    def __post_init__(self) -> None:
+    def check_rules(self) -> None:
         """Raise ConfigError for a bad value, or the suite's name for another system."""
-        super().__post_init__()
         is_name = self.name.strip() != "" and self.name.isprintable()
         self.require(is_name, "name", "must be printable text")
         for item in fields(self):

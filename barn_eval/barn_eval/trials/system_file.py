@@ -56,9 +56,9 @@ class SystemFile(System):
     # Names on the graph, by the suite's names.
     topics: dict[str, str] = field(default_factory=dict)
 
-    def __post_init__(self) -> None:
+    def check_rules(self) -> None:
         """Raise ConfigError for the suite's name or an invalid pose, contact or topic."""
-        super().__post_init__()
+        super().check_rules()
         self.require(
             self.is_observed, "name", "must not be that of the suite's own simulator"
         )

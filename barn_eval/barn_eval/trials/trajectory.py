@@ -60,10 +60,8 @@ class TrajectoryLog:
             collision: Whether there was a contact since the reading before.
             plan_pose: Pose of the robot in the frame of the planner's plans.
         """
-        pose = truth.pose
-        velocity = truth.velocity
-        x, y = (np.nan, np.nan) if plan_pose is None else (plan_pose.x, plan_pose.y)
-        state = [pose.x, pose.y, pose.yaw, velocity.linear, velocity.angular]
+        x, y = (np.nan, np.nan) if plan_pose is None else plan_pose.position
+        state = [*truth.pose.numbers, *truth.velocity.numbers]
         self._stamps.append(truth.stamp_ns)
         self._rows.append([*state, collision, x, y, np.nan, np.nan, 0])
 
@@ -74,7 +72,7 @@ class TrajectoryLog:
         """
         if self._rows:
             row = self._rows[-1]
-            row[8:10] = (command.linear, command.angular)
+            row[8:10] = command.numbers
             row[10] += 1
 
     def plan(self, points: Floats, stamp_ns: int) -> None:

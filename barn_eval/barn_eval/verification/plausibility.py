@@ -326,7 +326,7 @@ def _compare_ends(row: TrialResult, spec: TrialSpec, track: Track) -> Iterator[s
 
     # The odometry that judges arrival may have drifted away from the true position.
     goal = spec.course.goal
-    left_m = math.hypot(*(positions[-1] - (goal.x, goal.y)))
+    left_m = math.hypot(*(positions[-1] - goal.position))
     drift_m = 0.02
     if protocol.goal_source != "truth":
         drift_m = 1.0 + 0.1 * row.measures.driven_m

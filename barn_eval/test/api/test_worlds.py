@@ -68,7 +68,7 @@ def test_a_course_given_for_a_run_is_in_rows_and_pages(
     source = read_source(tmp_path / "out")
     world = read_worlds([(source.results[0], source)])[row["world_checksum"]]
     assert world.start == Pose2D(11.0, -1.0, 0.0)
-    assert (world.goal.x, world.goal.y) == (14.0, 1.0)
+    assert world.goal.position == (14.0, 1.0)
     assert row["scores"]["path_length_m"] == world.path_length_m
     succeed(f"show {room} --course 11,-1,0:14,1 --out room.png")
     assert (tmp_path / "room.png").stat().st_size > 5000

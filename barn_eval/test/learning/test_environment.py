@@ -441,13 +441,13 @@ def test_the_way_left_leads_along_the_path(make):
             measure_distances_left(points, counts, position, np.arange(1), left_m)
             yield left_m[0]
 
-    from_the_last = float(np.hypot(*(path[-1] - [goal.x, goal.y])))
+    from_the_last = float(np.hypot(*(path[-1] - goal.position)))
     expected = [0.0, from_the_last, spec.world.path_length_m + from_the_last]
-    lengths = list(meters("path", (goal.x, goal.y), path[-1], path[0]))
+    lengths = list(meters("path", goal.position, path[-1], path[0]))
     assert lengths == pytest.approx(expected)
-    (straight,) = meters("straight", (start.x, start.y))
+    (straight,) = meters("straight", start.position)
     assert straight == pytest.approx(start.distance(goal))
-    assert next(meters("path", (start.x, start.y))) > straight
+    assert next(meters("path", start.position)) > straight
 
 
 def test_worlds_are_drawn_from_those_chosen(make):

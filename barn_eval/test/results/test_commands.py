@@ -31,7 +31,7 @@ from barn_eval.trials.trajectory import TrajectoryLog
 from barn_eval.trials.trial import FinishedTrial
 from barn_eval.verification.check import check_folder
 from barn_eval.verification.rerun import read_bag
-from barn_worlds.base.types import Odometry, Pose2D, Velocity2D
+from barn_worlds.base.types import ORIGIN, Odometry, Velocity2D
 
 PERIOD_NS = 50_000_000
 
@@ -167,7 +167,7 @@ def finished(counts, mode="ros", compute="free"):
     log = TrajectoryLog()
     for number, count in enumerate(counts):
         stamp_ns = number * PERIOD_NS
-        log.reading(Odometry(stamp_ns, Pose2D(0.0, 0.0, 0.0), Velocity2D()), False)
+        log.reading(Odometry(stamp_ns, ORIGIN, Velocity2D()), False)
         for _ in range(count):
             log.command(Velocity2D(0.1, 0.0))
     result = type(result)(**vars(result) | {"mode": mode, "compute": compute})

@@ -182,7 +182,7 @@ def test_a_table_is_replaced_as_a_whole_or_not_at_all(tmp_path):
     write_durably(path, b"first")
     with (
         file_size_limit(100),
-        pytest.raises(StoreError, match="table: cannot be written"),
+        refused("table: cannot be written", StoreError),
     ):
         write_durably(path, bytes(1000))
     assert path.read_bytes() == b"first"

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 import ros_runs as ros
 import yaml
+from refusals import refused
 from waiting import barn_words
 
 from barn_eval.results.bags.bagfile import BagFile
@@ -24,7 +25,7 @@ from barn_eval.trials.ros_config import EvaluatorConfig
 from barn_eval.trials.system_file import SystemFile, read_system
 from barn_eval.verification.check import check_folder
 from barn_worlds.base.config import as_dict
-from barn_worlds.base.errors import BarnError, ConfigError
+from barn_worlds.base.errors import BarnError
 from barn_worlds.messages import decode
 from barn_worlds.ros.domain import reserve_domain
 
@@ -242,7 +243,7 @@ def test_a_reset_that_a_simulator_refuses_is_one_line(tmp_path, with_extra_messa
 
 def test_a_reset_without_its_package_is_refused_by_name(monkeypatch):
     monkeypatch.setitem(sys.modules, "simulation_interfaces.srv", None)
-    with pytest.raises(ConfigError, match=r"simulation_interfaces: .* not installed"):
+    with refused(r"simulation_interfaces: .* not installed"):
         load_interfaces()
 
 
@@ -251,9 +252,7 @@ def test_a_simulator_of_others_is_not_taken_for_the_suites():
     client = SimulatorClient(
         None, lambda *_, **__: "done", EvaluatorConfig(dataset="barn300")
     )
-    with pytest.raises(
-        BarnError, match="~/pause does not answer like the suite's simulator"
-    ):
+    with refused("~/pause does not answer like the suite's simulator", BarnError):
         client.prepare(spec, 1.0)
 
 
@@ -270,7 +269,7 @@ WRONG = """
 
 @pytest.mark.parametrize("changes, message", yaml.safe_load(WRONG))
 def test_a_wrong_file_is_refused_in_one_line(tmp_path, changes, message):
-    with pytest.raises(ConfigError, match=message):
+    with refused(message):
         read_system(write(tmp_path, **changes))
 
 

@@ -70,7 +70,7 @@ def test_worlds_select_among_routes(rooms, tmp_path):
 
 def test_each_of_several_courses_is_a_world(spec, rooms, tmp_path):
     trials = request_of(rooms, tmp_path, course=COURSES).trials()
-    starts = [(trial.course.start.x, trial.course.start.y) for trial in trials]
+    starts = [trial.course.start.position for trial in trials]
     assert starts == [(1.0, 1.0), (1.0, 3.0)]
     assert spec.world.name == "rooms"
 

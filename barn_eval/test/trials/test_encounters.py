@@ -84,8 +84,7 @@ BOX = {"shape": "box", "size_x_m": 1.0, "size_y_m": 4.0, "yaw_rad": FRAME.yaw}
 
 
 def in_frame(x_m, y_m):
-    place = FRAME @ Pose2D(x_m, y_m, 0.0)
-    return place.x, place.y
+    return (FRAME @ Pose2D(x_m, y_m, 0.0)).position
 
 
 # Place of the obstacle at first and after 10 s, its shape, the robot's speed, turn rate

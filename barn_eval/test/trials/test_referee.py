@@ -13,7 +13,7 @@ from barn_eval.trials import rules
 from barn_eval.trials.protocol import CHALLENGE, PAPER_2020, Course
 from barn_eval.trials.referee import Referee, Standing
 from barn_eval.trials.result import Outcome, Verdict
-from barn_worlds.base.types import Pose2D, Velocity2D
+from barn_worlds.base.types import ORIGIN, Pose2D, Velocity2D
 
 COURSE = Course(
     Pose2D(0.0, 0.0, math.pi / 2), Pose2D(0.0, 5.0, math.pi / 2), 4.5, 5.0, 2.5
@@ -291,7 +291,7 @@ def test_a_pose_that_is_no_number_is_the_simulators_fault(
     field, name, coordinate, value
 ):
     referee = Referee(CHALLENGE, COURSE)
-    pose = replace(Pose2D(0.0, 0.0, 0.0), **{coordinate: value})
+    pose = replace(ORIGIN, **{coordinate: value})
     verdict = referee.observe(*reading(0, 0.0)._replace(**{field: pose}))
     assert verdict == Verdict(
         Outcome.SIMULATOR_DIED, f"the {name} is not finite", None, 0.0, 0.0

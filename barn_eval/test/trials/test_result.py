@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from barn_eval.trials.protocol import CHALLENGE, PAPER_2020, Course
 from barn_eval.trials.result import Outcome, Scores, Verdict, score_trial
 from barn_eval.trials.seeds import planner_seed, simulator_seed
-from barn_worlds.base.types import Pose2D
+from barn_worlds.base.types import ORIGIN, Pose2D
 
-COURSE = Course(Pose2D(0.0, 0.0, 0.0), Pose2D(0.0, 5.0, 0.0), 4.5, 10.0, 5.0)
+COURSE = Course(ORIGIN, Pose2D(0.0, 5.0, 0.0), 4.5, 10.0, 5.0)
 
 
 def verdict(outcome, time_s):

@@ -12,7 +12,7 @@ from barn_eval.trials.trajectory import (
     compute_clearances,
     measure_trajectory,
 )
-from barn_worlds.base.types import Odometry, Pose2D, Velocity2D
+from barn_worlds.base.types import ORIGIN, Odometry, Pose2D, Velocity2D
 from barn_worlds.geometry.footprint import Rectangle
 
 EXTENT = Rectangle([-0.25, -0.2, 0.25, 0.2])
@@ -32,7 +32,7 @@ def drive(poses, speeds=None, contacts=(), commands=True, stamps_ns=None):
 
 
 def still(count):
-    return [Pose2D(0.0, 0.0, 0.0)] * count
+    return [ORIGIN] * count
 
 
 def measure(poses, centers=FAR, radius_m=0.075, **driven):
@@ -266,9 +266,7 @@ def test_clearance_is_from_an_outline_that_need_not_be_centred(
     pose = Pose2D(0.3, -0.2, 0.6)
     outline = Rectangle([-0.1, -0.35, 0.4, 0.05])
     center = pose.transform(np.array([[ahead_m, left_m]]))
-    assert clearance([pose.x, pose.y, pose.yaw], center, outline) == pytest.approx(
-        expected
-    )
+    assert clearance(pose.numbers, center, outline) == pytest.approx(expected)
 
 
 def test_clearance_is_to_the_nearest_of_many():

@@ -8,7 +8,6 @@ import json
 import shutil
 import zipfile
 from functools import partial
-from pathlib import Path
 
 import pytest
 import yaml

@@ -49,9 +49,8 @@ class _Header(Checked):
     about: dict[str, Any]
     sha256: str
 
-    def __post_init__(self) -> None:
+    def check_rules(self) -> None:
         """Raise ConfigError unless inputs, planners and members fit this version."""
-        super().__post_init__()
         self.require(
             self.input_names == input_names(),
             "input_names",

@@ -81,24 +81,22 @@ SUMMED_UP = len(summary_names())
 MIDDLE = HEADING // 2
 
 
-def make_network(outputs=2, seed=4):
+def make_network(seed=4):
     draw = np.random.default_rng(seed).standard_normal
     sizes = [len(STRIPS) * CHANNELS, 6, 5, 4]
     filters = tuple((draw((3, a, b)) / a**0.5, draw(b)) for a, b in pairwise(sizes))
-    layers = tuple(
-        (draw((a, b)), draw(b)) for a, b in pairwise([8 + SUMMED_UP, 7, outputs])
-    )
+    layers = tuple((draw((a, b)), draw(b)) for a, b in pairwise([8 + SUMMED_UP, 7, 2]))
     return RouteNetwork(np.zeros(SUMMED_UP), np.ones(SUMMED_UP), filters, layers)
 
 
-def strip_of(world):
-    where = clearance_map(world)
+def strip_of_corridor():
+    where = clearance_map(corridor(9))
     route = shortest_route(where)
     return where, route, route_strip(where, route)
 
 
 def test_a_strip_shows_the_clearance_along_and_beside_the_route():
-    where, route, strip = strip_of(corridor(9))
+    where, route, strip = strip_of_corridor()
     count = len(route.points)
     assert strip[:count, PRESENT].all()
     assert not strip[count:].any()
@@ -154,7 +152,7 @@ def test_a_worlds_output_depends_on_that_world_alone(worlds):
 
 
 def test_a_route_longer_than_a_strip_is_cut_off():
-    where, route, _ = strip_of(corridor(9))
+    where, route, _ = strip_of_corridor()
     longer = np.concatenate([route.points] * 4)
     strip = route_strip(where, replace(route, points=longer))
     assert strip.shape == (SAMPLES, CHANNELS)

@@ -125,9 +125,8 @@ class CostmapConfig(Checked):
         # The smaller of a rectangle's padded half sizes, without rounding.
         return float(corners[0].min())
 
-    def __post_init__(self) -> None:
+    def check_rules(self) -> None:
         """Raise ConfigError unless footprint, padding and number of cells are valid."""
-        super().__post_init__()
         self.require(
             not self.footprint or parse_footprint(self.footprint) is not None,
             "footprint",

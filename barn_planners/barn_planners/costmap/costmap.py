@@ -149,7 +149,7 @@ class Costmap:
         observe(
             self._layers.marks,
             self.grid,
-            Pose(pose.x, pose.y, pose.yaw),
+            Pose(*pose.numbers),
             sensor,
             readings,
             self._clearing_outline,
@@ -335,8 +335,7 @@ class MapCostmap(Costmap):
 
         rows = occupancy.data.shape[0] * factor
         cols = occupancy.data.shape[1] * factor
-        origin = (occupancy.origin_x, occupancy.origin_y)
-        super().__init__(config, rows, cols, resolution / factor, origin)
+        super().__init__(config, rows, cols, resolution / factor, occupancy.origin)
         self._lidar_marks = config.lidar_marks
         if config.static_layer:
             # Unknown cells (-1) are free, as in costmap_2d without track_unknown_space.

@@ -1,6 +1,6 @@
 """Settings of the dynamic window approach; its presets are in data/presets/dwa.yaml."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from barn_planners.navigation.loop import NavigationConfig
 from barn_planners.navigation.speeds import SpeedConfig
@@ -125,4 +125,4 @@ class DwaConfig(SpeedConfig):
 class DwaPlannerConfig(NavigationConfig):
     """The navigation loop with the dynamic window approach in it."""
 
-    dwa: DwaConfig = field(default_factory=DwaConfig)
+    dwa: DwaConfig = DwaConfig()

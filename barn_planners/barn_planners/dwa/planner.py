@@ -102,7 +102,7 @@ class DwaController(Controller):
         lines = kernels.traces(start, self._table[shown], self._motion, _DISPLAY_POSES)
         local_plan = None
         if self._command is not None:
-            velocity = np.array([[self._command.linear, self._command.angular]])
+            velocity = np.array([self._command.numbers])
             local_plan = kernels.traces(start, velocity, self._motion, _DISPLAY_POSES)[
                 0
             ]
@@ -199,8 +199,7 @@ class DwaController(Controller):
         if self.config.roll_out_goal_turn:
             return self._cost(command, _start(inputs)) >= 0.0
 
-        pose = inputs.pose
-        return inputs.costmap.has_room(pose.x, pose.y, pose.yaw)
+        return inputs.costmap.has_room(*inputs.pose.numbers)
 
     def _cost(self, command: Velocity2D, start: kernels.Start) -> float:
         """Return the cost of a command's rollout from `start`, TOUCHES or NO_WAY."""
@@ -230,9 +229,7 @@ class DwaController(Controller):
 
 def _start(inputs: ControlInput) -> kernels.Start:
     """Return the robot's pose and measured velocity, with which rollouts begin."""
-    pose = inputs.pose
-    velocity = inputs.velocity
-    return kernels.Start(pose.x, pose.y, pose.yaw, velocity.linear, velocity.angular)
+    return kernels.Start(*inputs.pose.numbers, *inputs.velocity.numbers)
 
 
 def sample_velocities(

@@ -1,7 +1,7 @@
 """Settings of the elastic band; its presets are in data/presets/eband.yaml."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from barn_planners.eband.kernels import BandGains
 from barn_planners.navigation.loop import NavigationConfig
@@ -117,4 +117,4 @@ class EBandPlannerConfig(NavigationConfig):
         "m",
         minimum=0.0,
     )
-    band: EBandConfig = field(default_factory=EBandConfig)
+    band: EBandConfig = EBandConfig()

@@ -113,7 +113,7 @@ class ElasticBand:
             self._band,
             self._trial,
             self._count,
-            Pose(pose.x, pose.y, yaw),
+            Pose(*pose.position, yaw),
             ahead,
             self._context(costmap),
         )
@@ -191,7 +191,7 @@ class EBandController(Controller):
         costmap = inputs.costmap
         reach_m = 0.5 * (max(costmap.costs.shape) - 0.5) * costmap.resolution
         pose = inputs.pose
-        start, end = visible_points(inputs.plan, pose.x, pose.y, reach_m)
+        start, end = visible_points(inputs.plan, *pose.position, reach_m)
         # The first pose beyond it belongs to the plan that the original sees.
         end = min(end + 1, len(inputs.plan))
         if inputs.new_plan or not self._has_band:
@@ -215,8 +215,7 @@ class EBandController(Controller):
         """
         # A band has two bubbles at least.
         if len(poses) < 2:
-            pose = inputs.pose
-            poses = np.vstack([[pose.x, pose.y, pose.yaw], poses])
+            poses = np.vstack([inputs.pose.numbers, poses])
 
         problem = self._band.follow_plan(poses, inputs.costmap)
         if problem and self.config.reset_costmap_once:

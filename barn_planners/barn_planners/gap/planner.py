@@ -137,7 +137,7 @@ class GapPlanner(ScanPlanner):
 
         goal_in_base = observation.pose.inverse() @ goal
         goal_bearing = math.atan2(goal_in_base.y, goal_in_base.x)
-        goal_distance_m = math.hypot(goal_in_base.x, goal_in_base.y)
+        goal_distance_m = math.hypot(*goal_in_base.position)
         bearing = self._choose_bearing(
             points, goal_bearing, min(goal_distance_m, config.look_ahead_m)
         )
@@ -151,7 +151,7 @@ class GapPlanner(ScanPlanner):
             return PlannerView()
         ends = self._free_m[:, None] * unit_vectors(self._directions)
         # Shown in odom, where the robot stood when it took the scan.
-        starts = np.broadcast_to([self._pose.x, self._pose.y], ends.shape)
+        starts = np.broadcast_to(self._pose.position, ends.shape)
         lines = np.stack([starts, self._pose.transform(ends)], axis=1)
         costs = self.config.look_ahead_m - self._free_m
         return PlannerView(candidates=lines, candidate_costs=costs)

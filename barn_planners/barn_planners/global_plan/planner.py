@@ -88,12 +88,12 @@ class GlobalPlanner:
             start: Pose of the robot in the frame of the costmap.
             goal: Goal in the same frame; the last pose of the plan is the goal exactly.
         """
-        start_cell = costmap.world_to_cell(start.x, start.y)
+        start_cell = costmap.world_to_cell(*start.position)
         if start_cell is None:
             return GlobalPlan(None, "the robot is off the global costmap")
 
         rows, cols = costmap.costs.shape
-        row, col = costmap.world_to_cell(goal.x, goal.y) or (0, 0)
+        row, col = costmap.world_to_cell(*goal.position) or (0, 0)
         # Plans do not lead into the outermost cells, which navfn blocks.
         if not (1 <= row < rows - 1 and 1 <= col < cols - 1):
             return GlobalPlan(None, "the goal is off the global costmap")
@@ -101,7 +101,7 @@ class GlobalPlanner:
         # navfn plans within one cell, too; the result may orbit.
         is_there = start_cell == (row, col)
         if is_there and not self.config.as_navfn:
-            return GlobalPlan(np.array([[goal.x, goal.y, goal.yaw]]))
+            return GlobalPlan(np.array([goal.numbers]))
         if not is_there and self._prices[costmap.costs[row, col]] == math.inf:
             return GlobalPlan(None, "the goal is inside an obstacle")
 
@@ -151,8 +151,7 @@ class GlobalPlanner:
         poses, steps = kernels.poses_along(
             self._points[:count].astype(np.float64, copy=False),
             grid,
-            goal.x,
-            goal.y,
+            *goal.position,
             0.5 if config.half_cell_offset else 0.0,
         )
         if not config.zero_intermediate_yaw:

@@ -1,7 +1,7 @@
 """Settings of MPPI and its preset."""
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from barn_planners.costmap.config import CostmapConfig, GlobalCostmapConfig
@@ -179,11 +179,10 @@ class MppiConfig(Checked):
     shown: int = quantity(
         50, "number of sampled trajectories that are shown", "", 0, 1000
     )
-    critics: CriticsConfig = field(default_factory=CriticsConfig)
+    critics: CriticsConfig = CriticsConfig()
 
-    def __post_init__(self) -> None:
+    def check_rules(self) -> None:
         """Raise ConfigError if samples, turn per step or reverse speed is too large."""
-        super().__post_init__()
         limit = f"must be at most {_MAX_STATES} divided by steps = {self.steps}"
         self.require(self.samples * self.steps <= _MAX_STATES, "samples", limit)
 
@@ -226,6 +225,6 @@ class MppiPlannerConfig(NavigationConfig):
         "m",
         minimum=0.0,
     )
-    local_costmap: CostmapConfig = field(default_factory=lambda: _LOCAL_COSTMAP)
-    global_costmap: GlobalCostmapConfig = field(default_factory=lambda: _GLOBAL_COSTMAP)
-    mppi: MppiConfig = field(default_factory=MppiConfig)
+    local_costmap: CostmapConfig = _LOCAL_COSTMAP
+    global_costmap: GlobalCostmapConfig = _GLOBAL_COSTMAP
+    mppi: MppiConfig = MppiConfig()

@@ -144,7 +144,7 @@ class MppiController(Controller):
         yaws = pose.yaw + config.step_s * np.cumsum(self._solution[:, 1])
         headings = np.concatenate(([pose.yaw], yaws[:-1]))
         steps = config.step_s * self._solution[:, :1] * unit_vectors(headings)
-        positions = np.array([pose.x, pose.y]) + np.cumsum(steps, axis=0)
+        positions = np.array(pose.position) + np.cumsum(steps, axis=0)
         return PlannerView(
             local_plan=np.column_stack([positions, yaws]),
             candidates=self._poses[:, :2, ::stride].transpose(2, 0, 1).astype(float),
@@ -182,16 +182,13 @@ class MppiController(Controller):
                 self._costs, self._controls, self.config.temperature, self._mean
             )
             self._solution = sampling.smooth(self._mean, self._past, _SMOOTHING)
-            velocity = (inputs.velocity.linear, inputs.velocity.angular)
             sampling.limit_controls(
-                self._solution, self._limits, self._change, velocity
+                self._solution, self._limits, self._change, inputs.velocity.numbers
             )
         return collisions
 
     def _sample(self, inputs: ControlInput) -> None:
         """Fill controls and poses with samples around the solution, itself first."""
-        pose = inputs.pose
-        velocity = inputs.velocity
         sampling.fill_normal(self._random, self._noise.reshape(-1, self.config.samples))
         self._noise[:, :, 0] = 0.0
         sampling.rollout(
@@ -199,7 +196,7 @@ class MppiController(Controller):
             self._noise,
             self._spread,
             self._change,
-            (pose.x, pose.y, pose.yaw, velocity.linear, velocity.angular),
+            (*inputs.pose.numbers, *inputs.velocity.numbers),
             self.config.step_s,
             self._controls,
             self._poses,
@@ -244,7 +241,7 @@ class MppiController(Controller):
         kernels.add_goal_costs(
             self._costs,
             self._poses,
-            (goal.x, goal.y, goal.yaw),
+            goal.numbers,
             position_weight,
             yaw_weight,
         )
@@ -290,7 +287,7 @@ class MppiController(Controller):
             kernels.add_align_costs(
                 self._costs,
                 self._poses,
-                (pose.x, pose.y),
+                pose.position,
                 path.points,
                 path.arc,
                 path.is_clear,
@@ -305,7 +302,7 @@ class _Path:
     def __init__(self, inputs: ControlInput, config: MppiConfig):
         """Resample the visible plan ahead evenly; note arc lengths and free points."""
         plan = inputs.visible[:, :2]
-        offsets = plan - (inputs.pose.x, inputs.pose.y)
+        offsets = plan - inputs.pose.position
         nearest = (offsets**2).sum(axis=1).argmin()
         max_points = 2 + int(config.path_ahead_m / config.path_spacing_m)
         # Points (n, 2) in m, distance along the path (n,) in m, whether a point is

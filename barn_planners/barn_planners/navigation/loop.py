@@ -353,10 +353,10 @@ class NavigationPlanner(Planner):
             goal = odom_from_map @ goal
 
         reach_m = self._local_costmap.config.size_m / 2.0
-        start, end = visible_points(plan, pose.x, pose.y, reach_m)
+        start, end = visible_points(plan, *pose.position, reach_m)
         prune_m = self.config.prune_m
         if prune_m > 0.0:
-            start += passed_points(plan[start:end], pose.x, pose.y, prune_m)
+            start += passed_points(plan[start:end], *pose.position, prune_m)
 
         new_plan = self._plan_is_new
         self._plan_is_new = False

@@ -154,7 +154,7 @@ class Recovery:
             return None
 
         for k in range(int(self._angle_left / _TURN_STEP_RAD) + 1):
-            if not costmap.has_room(pose.x, pose.y, pose.yaw + _TURN_STEP_RAD * k):
+            if not costmap.has_room(*pose.position, pose.yaw + _TURN_STEP_RAD * k):
                 return None
 
         # The highest rate from which the robot can still stop at the end of the turn.

@@ -15,7 +15,6 @@ class SpeedConfig(Checked):
     )
     max_turn_radps: float = quantity(1.57, "highest yaw rate", "rad/s", 0.0, 10.0)
 
-    def __post_init__(self) -> None:
+    def check_rules(self) -> None:
         """Raise ConfigError if `min_speed_mps` exceeds `max_speed_mps`."""
-        super().__post_init__()
         self.require_order("min_speed_mps", "at most", "max_speed_mps")

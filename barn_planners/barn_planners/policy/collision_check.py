@@ -64,7 +64,7 @@ def avoid_collision(
     corner_m = math.hypot(config.half_length_m, config.half_width_m)
     lidar = config.lidar
     reach_m = (
-        speed * horizon_s + corner_m + config.margin_m + math.hypot(lidar.x, lidar.y)
+        speed * horizon_s + corner_m + config.margin_m + math.hypot(*lidar.position)
     )
     points = scan_points(scan, lidar, reach_m)
     if not len(points):

@@ -64,9 +64,8 @@ class PolicyObservation(Checked):
         1, "steps of the policy from one frame to the next", "", 1, 100
     )
 
-    def __post_init__(self) -> None:
+    def check_rules(self) -> None:
         """Raise ConfigError unless `angle_max_rad` is above `angle_min_rad`."""
-        super().__post_init__()
         self.require_order("angle_max_rad", "above", "angle_min_rad")
 
     @property
@@ -102,9 +101,8 @@ class PolicyAction(Checked):
     )
     repeat: int = optional(1, "control periods for which an action is held", "", 1, 100)
 
-    def __post_init__(self) -> None:
+    def check_rules(self) -> None:
         """Raise ConfigError unless `max_speed_mps` is above `min_speed_mps`."""
-        super().__post_init__()
         self.require_order("max_speed_mps", "above", "min_speed_mps")
 
     @property
@@ -198,15 +196,13 @@ class ObservationEncoder:
         Raises:
             ConfigError: If the scan has a `problem`.
         """
-        pose = observation.pose
-        velocity = observation.odometry.velocity
         frames = np.empty((1, self.config.frame_size), np.float32)
         self.encode_all(
             observation.scan,
             observation.scan.ranges[None],
-            np.array([[pose.x, pose.y, pose.yaw]]),
-            np.array([[goal.x, goal.y]]),
-            np.array([[velocity.linear, velocity.angular]]),
+            np.array([observation.pose.numbers]),
+            np.array([goal.position]),
+            np.array([observation.odometry.velocity.numbers]),
             np.zeros(1, np.intp),
             frames,
         )

@@ -183,7 +183,7 @@ def goal_problem(goal: Pose2D, frame: str, planning_frame: str) -> str:
     if frame.lstrip("/") != planning_frame:
         frames = f"{frame!r}, but this planner plans in {planning_frame!r}"
         return f"goal refused: it is in frame {frames}"
-    if not all(map(math.isfinite, (goal.x, goal.y, goal.yaw))):
+    if not all(map(math.isfinite, goal.numbers)):
         return "goal refused: its numbers are not finite"
     return ""
 

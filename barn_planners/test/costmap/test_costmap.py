@@ -13,10 +13,9 @@ from barn_planners.costmap.config import CostmapConfig, GlobalCostmapConfig, rec
 from barn_planners.costmap.costmap import Costmap, RollingCostmap, global_costmap
 from barn_planners.costmap.inflation import costs_by_square
 from barn_planners.costmap.kernels import INSCRIBED, LETHAL, Pose, Window
-from barn_worlds.base.types import OccupancyMap, Pose2D, Scan
+from barn_worlds.base.types import ORIGIN, OccupancyMap, Pose2D, Scan
 
 AHEAD = Pose2D(10.0, 0.0, 0.0)
-HERE = Pose2D(0.0, 0.0, 0.0)
 
 
 def scan_of(ranges, angle_min=-2.3, increment=None):
@@ -95,7 +94,7 @@ def plain_update(costmap, lethal, pose, scan, lidar):
             continue
         angle = sensor.yaw + scan.angle_min + k * scan.angle_increment
         tip = seen(min(r, config.raytrace_range_m), angle)
-        cleared |= set(plain_line(*costmap.cell(sensor.x, sensor.y), *tip))
+        cleared |= set(plain_line(*costmap.cell(*sensor.position), *tip))
         if r < config.obstacle_range_m:
             marked.add(seen(r, angle))
     after = lethal.copy()
@@ -111,7 +110,7 @@ def plain_footprint(costmap, pose):
     """Return outline and inside of the padded footprint: in every column all cells between two of the outline."""
     a, b = costmap.outline[0]
     places = [pose @ Pose2D(x, y, 0.0) for x, y in ((a, b), (-a, b), (-a, -b), (a, -b))]
-    outline = plain_outline([costmap.cell(place.x, place.y) for place in places])
+    outline = plain_outline([costmap.cell(*place.position) for place in places])
     cells = set()
     for col in {col for _, col in outline}:
         rows = [row for row, other in outline if other == col]
@@ -160,7 +159,7 @@ def test_marks_and_costs_equal_the_plain_ones(seed):
     )
     costmap = RollingCostmap(config)
     rng = np.random.default_rng(seed)
-    pose = HERE
+    pose = ORIGIN
     lidar = Pose2D(0.12, -0.2, 0.3)
     lethal = np.zeros((40, 40), bool)
     corner = None
@@ -171,7 +170,7 @@ def test_marks_and_costs_equal_the_plain_ones(seed):
         scan = scan_of(ranges)
         before = corner
         costmap.update(pose, scan, lidar)
-        assert costmap.cell(pose.x, pose.y) == (20, 20)
+        assert costmap.cell(*pose.position) == (20, 20)
         assert costmap.cost_at(pose.x + 2.1, pose.y) is None
         corner = np.rint(np.array([costmap.origin_y, costmap.origin_x]) / 0.1)
         if before is not None:
@@ -189,23 +188,23 @@ def test_the_map_stays_whatever_the_lidar_sees_and_forgets():
     static_map.data[10, 15] = 100
     costmap = global_costmap(GlobalCostmapConfig(), static_map, AHEAD)
     assert costmap.costs.shape == (60, 60) and lethal_count(costmap) == 9
-    costmap.update(Pose2D(0.0, 0.05, 0.0), scan_of([2.0], angle_min=0.0), HERE)
-    costmap.update(Pose2D(0.8, 0.05, 0.0), NOTHING, HERE)
+    costmap.update(Pose2D(0.0, 0.05, 0.0), scan_of([2.0], angle_min=0.0), ORIGIN)
+    costmap.update(Pose2D(0.8, 0.05, 0.0), NOTHING, ORIGIN)
     costmap.reset()
     assert lethal_count(costmap) == 9
     coarse = global_costmap(GlobalCostmapConfig(map_resolution=True), static_map, AHEAD)
     assert coarse.costs.shape == (20, 20) and coarse.resolution == pytest.approx(0.15)
     bare = global_costmap(GlobalCostmapConfig(lidar_marks=False), static_map, AHEAD)
-    bare.update(Pose2D(-1.0, -1.0, 0.0), AT_1_M, HERE)
+    bare.update(Pose2D(-1.0, -1.0, 0.0), AT_1_M, ORIGIN)
     assert lethal_count(bare) == 9
 
 
 def test_clearing_keeps_a_square_about_the_robot():
     costmap = RollingCostmap(CostmapConfig(clear_footprint=False))
     two = scan_of([1.0, 2.3], angle_min=0.0, increment=math.pi / 2)
-    costmap.update(HERE, two, HERE)
+    costmap.update(ORIGIN, two, ORIGIN)
     assert lethal_count(costmap) == 2
-    costmap.clear_outside(HERE, 3.0)
+    costmap.clear_outside(ORIGIN, 3.0)
     assert costmap.cost_at(1.01, 0.01) == LETHAL and lethal_count(costmap) == 1
     costmap.reset()
     assert not costmap.costs.any()
@@ -230,7 +229,7 @@ def test_the_highest_cost_along_the_edges_looks_at_edges_only():
 
 def test_costmaps_as_maps_tell_free_inscribed_and_lethal():
     costmap = RollingCostmap(CostmapConfig(clear_footprint=False))
-    costmap.update(HERE, AT_1_M, HERE)
+    costmap.update(ORIGIN, AT_1_M, ORIGIN)
     grid_map = costmap.as_map()
     data = grid_map.data
     costs = costmap.costs
@@ -247,8 +246,8 @@ def test_a_goal_lies_on_the_global_costmap_however_far_it_is():
     assert costmap.costs.shape == RollingCostmap(config).costs.shape
     for goal in (Pose2D(20.0, 0.0, 0.0), Pose2D(-3.0, -60.0, 0.0)):
         costmap = global_costmap(config, None, goal)
-        costmap.update(HERE, NOTHING, HERE)
-        assert costmap.cost_at(goal.x, goal.y) is not None
+        costmap.update(ORIGIN, NOTHING, ORIGIN)
+        assert costmap.cost_at(*goal.position) is not None
     for far in (1e6, math.inf, math.nan):  # planners say that it is off the costmap
         costmap = global_costmap(config, None, Pose2D(far, 0.0, 0.0))
         assert costmap.config == config
@@ -270,7 +269,7 @@ def plain_points(pose, scan, lidar_x):
             along = f(f(cos * x) - f(sin * y))
             across = f(f(sin * x) + f(cos * y))
             points.append((f(along + f(sensor.x)), f(across + f(sensor.y))))
-    return (sensor.x, sensor.y), np.array(points, np.float64).reshape(-1, 2)
+    return sensor.position, np.array(points, np.float64).reshape(-1, 2)
 
 
 def plain_ray(costmap, sensor, point):
@@ -317,9 +316,9 @@ def filled_footprint(costmap, pose):
     """
     a, b = costmap.outline[0]
     places = [pose @ Pose2D(x, y, 0.0) for x, y in ((-a, -b), (-a, b), (a, b), (a, -b))]
-    if not all(costmap.world_to_cell(place.x, place.y) for place in places):
+    if not all(costmap.world_to_cell(*place.position) for place in places):
         return set()
-    outline = plain_outline([costmap.cell(place.x, place.y) for place in places])
+    outline = plain_outline([costmap.cell(*place.position) for place in places])
     cells = set(outline)
     waiting = sorted(outline, key=itemgetter(1))
     for col in range(waiting[0][1], waiting[-1][1] + 1):
@@ -367,7 +366,7 @@ def test_as_costmap_2d_the_window_follows_by_whole_cells():
     origin = 0.0
     places = []
     for x in (0.0, 0.04, 0.07, 0.03, -0.02, -0.06, 0.3, 0.31):
-        costmap.update(Pose2D(x, 0.0, 0.0), NOTHING, HERE)
+        costmap.update(Pose2D(x, 0.0, 0.0), NOTHING, ORIGIN)
         origin += math.trunc((x - 0.5 * 79.5 * 0.05 - origin) / 0.05) * 0.05
         assert costmap.origin_x == origin
         places.append(round(origin / 0.05))

@@ -15,22 +15,21 @@ from barn_planners.dwa.kernels import SPEED, TURN
 from barn_planners.dwa.memory import DwaMemory
 from barn_planners.dwa.planner import DwaController, sample_velocities
 from barn_planners.navigation.loop import ControlInput
-from barn_worlds.base.types import STOP, Pose2D, Scan, Velocity2D
+from barn_worlds.base.types import ORIGIN, STOP, Pose2D, Scan, Velocity2D
 
-HERE = Pose2D(0.0, 0.0, 0.0)
 AHEAD = Pose2D(3.0, 0.0, 0.0)
 QUIRKY = DwaConfig(sample_highest_turn=False, escape_through=True)
 ANGLES = np.linspace(-math.pi, math.pi, 300)
 BLOCKED_ALL_AROUND = 0.22 * np.column_stack([np.cos(ANGLES), np.sin(ANGLES)])
 
 
-def inputs(pose=HERE, velocity=STOP, goal=AHEAD, lethal=()):
+def inputs(pose=ORIGIN, velocity=STOP, goal=AHEAD, lethal=()):
     costmap = RollingCostmap(CostmapConfig(footprint_padding_m=0.03, soft_costs=False))
     nothing = Scan(0, np.full(4, np.inf, np.float32), 0.0, 0.1, 0.1, 30.0)
-    costmap.update(pose, nothing, HERE)
+    costmap.update(pose, nothing, ORIGIN)
     for x, y in lethal:
         costmap.costs[costmap.world_to_cell(x, y)] = LETHAL
-    plan = np.linspace((pose.x, pose.y, goal.yaw), (goal.x, goal.y, goal.yaw), 100)
+    plan = np.linspace((*pose.position, goal.yaw), goal.numbers, 100)
     return ControlInput(0, pose, velocity, costmap, plan, plan, goal, True)
 
 
@@ -99,23 +98,23 @@ def test_samples_are_added_up_in_single_precision():
 
 def test_two_turns_to_one_side_forbid_the_other():
     memory = DwaMemory(QUIRKY)
-    memory.record_sample(HERE, 0.0, 0.5)
+    memory.record_sample(ORIGIN, 0.0, 0.5)
     assert memory.allowed_turns() == (True, True)
-    memory.record_sample(HERE, 0.0, 0.5)
+    memory.record_sample(ORIGIN, 0.0, 0.5)
     assert memory.allowed_turns() == (True, False)
     memory.record_sample(Pose2D(0.04, 0.0, 1.0), 0.3, 0.0)
     assert memory.allowed_turns() == (True, False)
     memory.record_sample(Pose2D(0.051, 0.0, 1.0), 0.3, 0.0)
     assert memory.allowed_turns() == (True, True)
-    memory.record_sample(HERE, 0.0, -0.5)
-    memory.record_sample(HERE, 0.0, -0.5)
+    memory.record_sample(ORIGIN, 0.0, -0.5)
+    memory.record_sample(ORIGIN, 0.0, -0.5)
     assert memory.allowed_turns() == (False, True)
 
 
 def test_an_escape_ends_after_a_distance_or_a_turn():
     for end in (Pose2D(-0.11, 0.0, 0.0), Pose2D(0.0, 0.0, 0.11)):
         memory = DwaMemory(QUIRKY)
-        memory.record_escape(HERE, may_begin=True)
+        memory.record_escape(ORIGIN, may_begin=True)
         memory.record_escape(Pose2D(-0.05, 0.0, 0.05), may_begin=True)
         assert memory.is_escaping
         memory.record_sample(end, 0.0, 0.5)

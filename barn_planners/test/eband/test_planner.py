@@ -13,11 +13,10 @@ from barn_planners.eband.planner import ENTRY, EBandController, bubble_radii
 from barn_planners.interface import PlannerStatus
 from barn_planners.navigation.loop import ControlInput
 from barn_planners.registry import make_planner
-from barn_worlds.base.types import STOP, Pose2D, Scan, Velocity2D
+from barn_worlds.base.types import ORIGIN, STOP, Pose2D, Scan, Velocity2D
 
 BEAMS = 181
 FREE_SPEED = 2.0 * 0.7 * math.log(252.0) / 10.0 * 0.5  # 0.387 m/s
-HERE = Pose2D(0.0, 0.0, 0.0)
 
 
 def scan_of(pose, points, stamp_ns=0):
@@ -33,7 +32,7 @@ def scan_of(pose, points, stamp_ns=0):
 def inputs(pose, plan, points=(), *, new_plan=True, costmap=None):
     if costmap is None:
         costmap = RollingCostmap(CostmapConfig())
-        costmap.update(pose, scan_of(pose, points), HERE)
+        costmap.update(pose, scan_of(pose, points), ORIGIN)
     return ControlInput(0, pose, STOP, costmap, plan, plan, Pose2D(*plan[-1]), new_plan)
 
 
@@ -56,14 +55,14 @@ def test_radii_of_the_paper():
 
 @pytest.mark.parametrize("length, speed", [(4.0, FREE_SPEED), (0.7, FREE_SPEED / 2.0)])
 def test_speed_in_the_open(length, speed):
-    command = controller().control(inputs(HERE, straight_plan(length))).command
+    command = controller().control(inputs(ORIGIN, straight_plan(length))).command
     assert command.linear == pytest.approx(speed, abs=1e-12)
     assert command.angular == pytest.approx(0.0, abs=1e-12)
     assert pytest.approx(0.387, abs=1e-3) == FREE_SPEED
 
 
 def test_speed_beside_an_obstacle_is_the_lowest():
-    control = controller().control(inputs(HERE, straight_plan(), [(0.0, 0.31)]))
+    control = controller().control(inputs(ORIGIN, straight_plan(), [(0.0, 0.31)]))
     assert control.diagnostics["robot_radius_m"] < 0.04
     assert control.command.linear == 0.1
 
@@ -98,7 +97,7 @@ def test_final_turn_and_goal():
 
 def test_plan_in_collision_resets_the_costmap_once():
     across = [(1.0, 0.04)]
-    request = inputs(HERE, straight_plan(), across)
+    request = inputs(ORIGIN, straight_plan(), across)
     assert request.costmap.costs.any()
     refused = controller().control(request)
     assert refused.command is None
@@ -116,7 +115,7 @@ def test_a_new_plan_is_relaxed_once_more_where_that_is_asked_for(relaxes, calls)
     advance = band.advance = Mock(side_effect=band.advance)
     counts = []
     for new_plan in (True, False, True):
-        request = inputs(HERE, straight_plan(), [(1.0, 0.4)], new_plan=new_plan)
+        request = inputs(ORIGIN, straight_plan(), [(1.0, 0.4)], new_plan=new_plan)
         steered.control(request)
         counts.append(optimize.call_count + advance.call_count)
     assert counts == calls
@@ -125,12 +124,12 @@ def test_a_new_plan_is_relaxed_once_more_where_that_is_asked_for(relaxes, calls)
 def test_band_in_collision_gives_no_command_and_recovers():
     steering = controller()
     plan = straight_plan()
-    assert steering.control(inputs(HERE, plan)).command is not None
+    assert steering.control(inputs(ORIGIN, plan)).command is not None
     on_the_next_bubble = steering.view().band[1, :2]
-    blocked = steering.control(inputs(HERE, plan, on_the_next_bubble, new_plan=False))
+    blocked = steering.control(inputs(ORIGIN, plan, on_the_next_bubble, new_plan=False))
     assert blocked.command is None
     assert "collision" in blocked.reason
-    assert steering.control(inputs(HERE, plan, new_plan=False)).command is not None
+    assert steering.control(inputs(ORIGIN, plan, new_plan=False)).command is not None
 
 
 def test_band_grows_along_a_kept_plan():
@@ -139,7 +138,7 @@ def test_band_grows_along_a_kept_plan():
     costmap = RollingCostmap(CostmapConfig())
     for k in range(8):
         pose = Pose2D(0.5 * k, 0.0, 0.0)
-        costmap.update(pose, scan_of(pose, []), HERE)
+        costmap.update(pose, scan_of(pose, []), ORIGIN)
         control = steering.control(inputs(pose, plan, new_plan=k == 0, costmap=costmap))
         assert control.command.linear == pytest.approx(FREE_SPEED)
         end = min(5.0 + pose.x, 9.0)

@@ -178,8 +178,8 @@ def test_a_plan_leads_from_robot_to_goal_through_free_cells(seed):
     if plan.poses is None:
         assert plan.reason == "no way to the goal"
         return
-    assert tuple(plan.poses[-1]) == (goal.x, goal.y, goal.yaw)
-    assert math.dist(plan.poses[0, :2], (start.x, start.y)) < 0.05
+    assert tuple(plan.poses[-1]) == goal.numbers
+    assert math.dist(plan.poses[0, :2], start.position) < 0.05
     steps = np.diff(plan.poses[:, :2], axis=0)
     assert np.hypot(*steps.T).max() < 0.05 * 1.5 * math.sqrt(2.0) + 1e-9
     for x, y in plan.poses[:, :2]:
@@ -222,8 +222,8 @@ def test_why_there_is_no_plan_is_said():
         assert planner.plan(costmap, start, goal).reason == reason
     plan = planner.plan(costmap, off_the_map, start)
     assert plan.reason == "the robot is off the global costmap"
-    poses = planner.plan(costmap, start, Pose2D(start.x, start.y, 2.0)).poses
-    assert poses.tolist() == [[start.x, start.y, 2.0]]
+    poses = planner.plan(costmap, start, Pose2D(*start.position, 2.0)).poses
+    assert poses.tolist() == [[*start.position, 2.0]]
 
 
 def test_the_robots_own_cell_counts_as_free():
@@ -262,7 +262,7 @@ def test_a_new_goal_start_or_grid_needs_a_new_plan():
     plan = planner.plan(costmap, start, goal)
     in_the_same_cell = Pose2D(start.x + 0.01, start.y, 0.3)
     assert planner.plan(costmap, in_the_same_cell, goal) is plan
-    turned = planner.plan(costmap, start, Pose2D(goal.x, goal.y, 1.0))
+    turned = planner.plan(costmap, start, Pose2D(*goal.position, 1.0))
     assert turned is not plan
     assert turned.poses[-1, 2] == 1.0
     assert planner.plan(costmap, center(costmap, 10, 11), goal) is not plan
@@ -389,7 +389,7 @@ def test_as_navfn_an_incomplete_plan_is_optional(unfinished):
     plan = plan_on(narrow, robot, goal, as_navfn=True, unfinished_plans=unfinished)
     if unfinished:
         assert len(plan.poses) == 17
-        assert math.dist(plan.poses[0, :2], (robot.x, robot.y)) > 0.5
+        assert math.dist(plan.poses[0, :2], robot.position) > 0.5
     else:
         assert plan.poses is None and plan.reason == "no way to the goal"
 
@@ -414,4 +414,4 @@ def test_a_robot_in_the_outermost_cells_is_planned_from(place, as_navfn):
     if place == (0, 0):
         assert poses is None, "all neighbors of a corner are blocked"
     else:
-        assert math.dist(poses[0, :2], (start.x, start.y)) < 0.05
+        assert math.dist(poses[0, :2], start.position) < 0.05

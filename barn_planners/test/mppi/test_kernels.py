@@ -12,7 +12,7 @@ from barn_planners.costmap.config import CostmapConfig, rectangle
 from barn_planners.costmap.costmap import RollingCostmap
 from barn_planners.mppi import kernels, sampling
 from barn_planners.mppi.planner import lowest_cost_in_reach
-from barn_worlds.base.types import Pose2D, Scan
+from barn_worlds.base.types import ORIGIN, Pose2D, Scan
 
 SAMPLES = 40
 STEPS = 30
@@ -23,7 +23,6 @@ START = (0.3, -0.2, 0.7, 0.25, -0.4)
 POSE = Pose2D(*START[:3])
 PATH = np.column_stack([0.3 + 0.05 * np.arange(20), -0.2 + 0.04 * np.arange(20)])
 BODY = rectangle(0.25, 0.2)
-HERE = Pose2D(0.0, 0.0, 0.0)
 
 
 @pytest.fixture
@@ -167,14 +166,14 @@ def test_obstacle_costs(poses, near_goal):
     angles = np.linspace(-1.5, 1.5, 601)
     ranges = np.where(np.abs(angles) > 1.2, 0.6, np.inf)
     ranges[np.abs(angles - 0.2) < 0.25] = 0.8
-    costmap.update(POSE, scan_of(ranges, 0.005), HERE)
+    costmap.update(POSE, scan_of(ranges, 0.005), ORIGIN)
     costs = np.full(SAMPLES, 7.0)
     collisions = add_obstacle_costs(costs, poses, costmap, 0, 2, near_goal)
     expected = np.full(SAMPLES, 7.0)
     collided = np.zeros(SAMPLES, bool)
     for k in range(SAMPLES):
         looked_at = [Pose2D(*pose) for pose in poses[::2, :, k].tolist()]
-        cells = [costmap.cost_at(pose.x, pose.y) for pose in looked_at]
+        cells = [costmap.cost_at(*pose.position) for pose in looked_at]
         collided[k] = 254 in cells or any(
             cell > 0 and footprint_touches(costmap, pose)
             for cell, pose in zip(cells, looked_at, strict=True)
@@ -206,7 +205,7 @@ def test_checking_the_footprint_rarely_changes_nothing(poses):
     for _ in range(40):
         costmap = RollingCostmap(config)
         scan = scan_of(rng.uniform(0.5, 3.0, 30), 0.1)
-        costmap.update(POSE, scan, HERE)
+        costmap.update(POSE, scan, ORIGIN)
         always, rarely = np.zeros((2, SAMPLES))
         counts.append(add_obstacle_costs(always, poses, costmap, 0, 1, False))
         counts.append(add_obstacle_costs(rarely, poses, costmap, lowest, 1, False))

@@ -18,7 +18,7 @@ from barn_planners.navigation.loop import (
 )
 from barn_planners.registry import make_planner
 from barn_worlds.base.config import replace_dotted
-from barn_worlds.base.types import STOP, OccupancyMap, Pose2D, Velocity2D
+from barn_worlds.base.types import ORIGIN, STOP, OccupancyMap, Pose2D, Velocity2D
 
 BOX = [
     ((-2.0, -2.0), (6.0, -2.0)),
@@ -171,9 +171,9 @@ def test_the_known_map_is_planned_on_in_the_odometry_frame(world):
     planner = started(goal=goal, static_map=free_map())
     observation = dataclasses.replace(world.observe(), pose=MAP_OF_ODOM @ world.pose)
     decision = planner.step(observation)
-    assert math.dist(decision.plan[-1], (goal.x, goal.y)) < 1e-9
+    assert math.dist(decision.plan[-1], goal.position) < 1e-9
     inputs = planner.controller.inputs[0]
-    assert_allclose(inputs.plan[-1], [GOAL.x, GOAL.y, GOAL.yaw], atol=1e-9)
+    assert_allclose(inputs.plan[-1], GOAL.numbers, atol=1e-9)
     assert_allclose(inputs.plan[0, :2], [0.0, 0.0], atol=0.1)
     assert inputs.goal.distance(GOAL) < 1e-9 and inputs.pose == world.pose
 
@@ -182,7 +182,7 @@ def test_in_the_map_frame_plans_follow_the_believed_pose(world):
     goal = MAP_OF_ODOM @ GOAL
     planner = started(goal=goal, static_map=free_map(), local_costmap_in_map=True)
     # as when the localisation corrects itself
-    for jump in (Pose2D(0.0, 0.0, 0.0), Pose2D(0.3, 0.2, 0.1)):
+    for jump in (ORIGIN, Pose2D(0.3, 0.2, 0.1)):
         pose = MAP_OF_ODOM @ jump @ world.pose
         decision = planner.step(dataclasses.replace(world.observe(), pose=pose))
         world.advance(STOP)
@@ -190,11 +190,11 @@ def test_in_the_map_frame_plans_follow_the_believed_pose(world):
         assert inputs.pose == pose
         assert inputs.goal == goal
         assert_array_equal(inputs.plan[:, :2], decision.plan)
-        end = [goal.x, goal.y, goal.yaw]
+        end = goal.numbers
         assert_allclose(inputs.plan[-1], end, atol=1e-9)
         # the wall 2 m to the left of the robot is marked where the robot believes it
         wall = pose @ Pose2D(0.0, 2.0, 0.0)
-        row, col = inputs.costmap.cell(wall.x, wall.y)
+        row, col = inputs.costmap.cell(*wall.position)
         assert inputs.costmap.costs[row - 1 : row + 2, col - 1 : col + 2].max() == 254
     assert planner.view().in_planning_frame
 

@@ -1,6 +1,7 @@
 """Policy files: what is written is read, what is no policy is refused in one line; what the network computes."""
 
 import json
+import re
 from functools import partial
 from itertools import pairwise
 
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 from archives import members, pickled, repack
 from numpy.testing import assert_allclose, assert_array_equal
+from refusals import refused
 
 from barn_planners.policy.file import (
     Policy,
@@ -173,15 +175,13 @@ DAMAGED = {
 def test_what_is_no_policy_is_refused_in_one_line_with_the_path(path, damage):
     spoil, message = DAMAGED[damage]
     spoil(path)
-    with pytest.raises(BarnError) as caught:
+    with refused(f"{path}.*{re.escape(message)}", BarnError):
         read_policy(path)
-    text = str(caught.value)
-    assert str(path) in text and message in text and "\n" not in text
 
 
 def test_a_path_without_a_file_is_refused(tmp_path):
     for path in (tmp_path / "none.npz", tmp_path):
-        with pytest.raises(BarnError, match=str(path)):
+        with refused(str(path), BarnError):
             read_policy(path)
 
 
@@ -189,12 +189,12 @@ def test_a_policy_is_judged_before_it_is_written(tmp_path):
     message = (
         r"must lead from 11 observed values to 2 actions, got layers of \(11, 8, 3\)"
     )
-    with pytest.raises(BarnError, match=message):
+    with refused(message, BarnError):
         policy((11, 8, 3))
-    with pytest.raises(BarnError, match="1 to 16 layers"):
+    with refused("1 to 16 layers", BarnError):
         policy(weights=(), biases=())
     (tmp_path / "file").write_text("")
-    with pytest.raises(BarnError, match="file"):
+    with refused("file", BarnError):
         write_policy(tmp_path / "file" / "policy.npz", policy())
 
 

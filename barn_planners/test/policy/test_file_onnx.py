@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from refusals import refused
 
 onnx = pytest.importorskip("onnx", reason="onnx is not installed")
 pytest.importorskip("onnxruntime", reason="onnxruntime is not installed")
@@ -79,16 +80,14 @@ def test_what_is_no_policy_is_refused_in_one_line(tmp_path, name):
     changes, message = WRONG[name]
     path = tmp_path / "policy.onnx"
     write_model(path, **changes)
-    with pytest.raises(BarnError, match=message) as caught:
+    with refused(f"^{path}.*{message}", BarnError):
         load_network(path)
-    assert str(caught.value).startswith(str(path)) and "\n" not in str(caught.value)
 
 
 def test_bytes_that_are_no_model_are_refused_in_one_line(tmp_path):
     path = tmp_path / "policy.onnx"
     path.write_bytes(b"no model")
-    with pytest.raises(BarnError, match="not an ONNX model") as caught:
+    with refused("not an ONNX model", BarnError):
         load_network(path)
-    assert "\n" not in str(caught.value)
-    with pytest.raises(BarnError, match="missing"):
+    with refused("missing", BarnError):
         load_network(tmp_path / "missing.onnx")

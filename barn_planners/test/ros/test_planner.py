@@ -25,7 +25,7 @@ from sensor_msgs.msg import LaserScan  # noqa: E402
 from barn_planners.interface import Task  # noqa: E402
 from barn_planners.registry import make_planner  # noqa: E402
 from barn_worlds.base.errors import ExitCode  # noqa: E402
-from barn_worlds.base.types import STOP, OccupancyMap, Pose2D, Velocity2D  # noqa: E402
+from barn_worlds.base.types import ORIGIN, STOP, OccupancyMap, Pose2D, Velocity2D  # noqa: E402
 from barn_worlds.messages import decode, encode  # noqa: E402
 from barn_worlds.messages.topics import LATCHED  # noqa: E402
 from barn_worlds.ros.topics import qos_profile  # noqa: E402
@@ -138,7 +138,7 @@ def through_messages(observation):
 def test_the_node_commands_what_the_planner_commands(
     flat_world, harness, start_node, use_map, frame_name, preset
 ):
-    frame = MAP_OF_ODOM if use_map else Pose2D(0.0, 0.0, 0.0)
+    frame = MAP_OF_ODOM if use_map else ORIGIN
     free = OccupancyMap(np.zeros((80, 80), np.int8), 0.15, -6.0, -6.0)
     static_map = free if use_map else None
     goal = (frame @ Pose2D(4.0, 0.3, 0.0)).through_quaternion()

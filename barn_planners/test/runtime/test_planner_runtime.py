@@ -11,6 +11,7 @@ from barn_planners.registry import make_planner
 from barn_planners.runtime.planner_runtime import PlannerRuntime, goal_problem
 from barn_planners.runtime.synchronizer import SyncConfig, Synchronizer
 from barn_worlds.base.types import (
+    ORIGIN,
     STOP,
     OccupancyMap,
     Odometry,
@@ -38,7 +39,7 @@ class Scripted(Planner):
 def at(seconds):
     stamp = round(seconds * 1e9)
     scan = Scan(stamp, np.ones(3, np.float32), 0.0, 0.1, 0.1, 30.0)
-    pose = Pose2D(0.0, 0.0, 0.0)
+    pose = ORIGIN
     return Observation(stamp, Odometry(stamp, pose, STOP), scan, pose)
 
 

@@ -230,9 +230,7 @@ class Obstacles:
             follow_cylinders(
                 np.array(indices),
                 np.array(states),
-                robot.x,
-                robot.y,
-                robot.yaw,
+                *robot.numbers,
                 self._extent,
                 self._homes,
                 self.radius_m,
@@ -252,9 +250,7 @@ class Obstacles:
         Bullet would go on solving their contacts with the ground. Fixed ones cost
         nothing and stay until the contact ends.
         """
-        needed, _ = self._near(
-            self._is_body, robot.x, robot.y, robot.yaw, self._rest_gap_m
-        )
+        needed, _ = self._near(self._is_body, *robot.numbers, self._rest_gap_m)
         for index in needed:
             self._needed_at[index] = self._ticks
         if not needed:

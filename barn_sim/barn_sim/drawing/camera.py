@@ -161,7 +161,7 @@ class Studio(AbstractContextManager["Studio"]):
         self._add_pillars(scene.walls_m, scene, _WALL)
         for pose, color in ((scene.start, START), (scene.goal, GOAL)):
             if pose is not None:
-                disc = pillars(np.array([[pose.x, pose.y]]), _DISC_M, 0.008)
+                disc = pillars(np.array([pose.position]), _DISC_M, 0.008)
                 self._add_mesh(disc, color)
 
         self._robot: list[tuple[int, RobotPart]] = []
@@ -291,7 +291,7 @@ class Studio(AbstractContextManager["Studio"]):
 
     def _put_robot(self, pose: Pose2D) -> None:
         """Move all parts of the robot to a pose of base_link in the map frame."""
-        position = (pose.x, pose.y, self._base_height_m)
+        position = (*pose.position, self._base_height_m)
         attitude = bullet.getQuaternionFromEuler((0.0, 0.0, pose.yaw))
         for body, part in self._robot:
             # Parts are separate bodies without joints: the renderer needs only their

@@ -166,7 +166,7 @@ class RobotMotion:
     def remember_pose(self) -> None:
         """Append the present pose to the past ones that `poses_at` interpolates."""
         pose, _ = self.pose_and_velocity()
-        self._past.append((self.stamp_ns, pose.x, pose.y, pose.yaw))
+        self._past.append((self.stamp_ns, *pose.numbers))
 
     def poses_at(self, stamps_ns: Floats) -> Floats:
         """Return base_link's poses (n, 3) at past times (ns), from remembered ones.
@@ -174,7 +174,7 @@ class RobotMotion:
         They are interpolated from those of `remember_pose` and the present one.
         """
         pose, _ = self.pose_and_velocity()
-        past = np.array([*self._past, (self.stamp_ns, pose.x, pose.y, pose.yaw)])
+        past = np.array([*self._past, (self.stamp_ns, *pose.numbers)])
         # A yaw that wraps between two poses must not be interpolated the long way
         # round.
         past[:, 3] = np.unwrap(past[:, 3])

@@ -131,7 +131,7 @@ class Lidar:
         obstacles = (centers, radius_m, tilted, shapes)
         if sweep is None:
             sensor = robot @ self.mount
-            frame = (sensor.x, sensor.y, math.cos(sensor.yaw), math.sin(sensor.yaw))
+            frame = (*sensor.position, math.cos(sensor.yaw), math.sin(sensor.yaw))
             cast_beams(ranges, self.directions, self.fan, frame, *obstacles)
         else:
             frames = self._sensor_frames(sweep)

@@ -27,6 +27,7 @@ from barn_worlds.base.types import (
     nanoseconds,
     wrap_angle,
 )
+from barn_worlds.worlds.cspace import closest_obstacle
 
 # Costs of map cells from which on they are obstacles.
 _OCCUPIED = 65
@@ -82,7 +83,7 @@ class ParticleLocalization:
             [config.initial_std_m, config.initial_std_m, config.initial_yaw_std_rad]
         )
         errors = rng.standard_normal((config.max_particles, 3))
-        self._particles = np.array([start.x, start.y, start.yaw]) + stds * errors
+        self._particles = np.array(start.numbers) + stds * errors
         # Slow and fast average of the weights.
         self._averages: tuple[float, float] | None = None
         self._updated_at: Pose2D | None = None
@@ -158,7 +159,7 @@ class ParticleLocalization:
             + self._mount.yaw
         )
         directions = unit_vectors(angles)
-        hits = ranges[is_hit, None] * directions + [self._mount.x, self._mount.y]
+        hits = ranges[is_hit, None] * directions + self._mount.position
         table = self._likelihood_cubes(scan.range_max)
         return particle_weights(self._particles, hits, table, *self._grid)
 
@@ -263,7 +264,6 @@ def bin_keys(bins: Integers) -> Integers:
     return keys
 
 
-@kernel
 def obstacle_distances(occupied: BoolGrid, resolution: float) -> Floats:
     """Return each map cell's distance (m) to the nearest occupied one, at most 2 m.
 
@@ -274,18 +274,7 @@ def obstacle_distances(occupied: BoolGrid, resolution: float) -> Floats:
     Returns:
         Distances (rows, columns) in m, at most 2 m.
     """
-    cells = np.argwhere(occupied)
-    distances = np.full(occupied.shape, _FARTHEST_M)
-    if len(cells) == 0:
-        return distances
-    for row in range(occupied.shape[0]):
-        for col in range(occupied.shape[1]):
-            nearest = np.iinfo(np.int64).max
-            for k in range(len(cells)):
-                squared = (cells[k, 0] - row) ** 2 + (cells[k, 1] - col) ** 2
-                nearest = min(nearest, squared)
-            distances[row, col] = min(math.sqrt(nearest) * resolution, _FARTHEST_M)
-    return distances
+    return np.minimum(resolution * closest_obstacle(occupied), _FARTHEST_M)
 
 
 @cache

@@ -116,7 +116,7 @@ def test_starts_at_zero_whatever_the_start_pose():
     odometry = Measured(EXACT, start_yaw=2.0)
     odometry.robots["yaw"] = 2.0
     pose = odometry.read(0).pose
-    assert (pose.x, pose.y) == (0.0, 0.0)
+    assert pose.position == (0.0, 0.0)
     assert pose.yaw == pytest.approx(0.0, abs=1e-15)
 
 
@@ -130,7 +130,7 @@ def test_integrates_the_wheels_along_the_yaw():
         odometry.advance(speed - 0.1, speed + 0.1, yaw)
     odometry.robots["spin"][0, 2] = 0.63
     reading = odometry.read(7)
-    assert math.hypot(reading.pose.x, reading.pose.y) < 1e-9
+    assert math.hypot(*reading.pose.position) < 1e-9
     assert reading.stamp_ns == 7
     assert reading.velocity.linear == pytest.approx(0.314, abs=1e-3)
     assert reading.velocity.angular == 0.63

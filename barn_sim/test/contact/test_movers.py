@@ -17,7 +17,7 @@ from barn_sim.seeds import phase_s
 from barn_sim.sensors.lidar import NO_SHAPES, Lidar
 from barn_sim.simulator import Simulator
 from barn_worlds.base.arrays import unit_vectors
-from barn_worlds.base.types import Pose2D, Velocity2D
+from barn_worlds.base.types import ORIGIN, Pose2D, Velocity2D
 from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.datasets.generate_motion import add_motion, motion_class
 from barn_worlds.geometry.bodies import shape_rows
@@ -51,7 +51,7 @@ def cart(*keys):
 @pytest.fixture
 def simulator(simulators):
     """Make a simulator of a world with a robot at its middle."""
-    return lambda world: simulators(world, FROM_ZERO, Pose2D(0.0, 0.0, 0.0), 0)
+    return lambda world: simulators(world, FROM_ZERO, ORIGIN, 0)
 
 
 def random_shapes(rng, count):
@@ -100,7 +100,7 @@ def test_rays_agree_with_a_plain_reference(seed, count):
     sensor = pose @ Pose2D(config.mount_x_m, 0.0, 0.0)
     angles = scan.angles() + sensor.yaw
     beams = unit_vectors(angles)
-    origin = np.array([sensor.x, sensor.y])
+    origin = np.array(sensor.position)
     expected = np.full(len(beams), np.inf)
     for k, beam in enumerate(beams):
         hits = [plain_hit(origin, beam, shape) for shape in shapes]
@@ -177,7 +177,7 @@ def test_an_obstacle_that_jumps_onto_the_robot_touches_it(simulator):
     touched = next(reading for reading in readings if reading.collision)
     assert touched.stamp_ns * 1e-9 == pytest.approx(1.75, abs=0.051)
     pose = robot.read_truth().pose
-    assert math.hypot(pose.x, pose.y) < 5.0
+    assert math.hypot(*pose.position) < 5.0
 
 
 def test_the_phase_is_drawn_from_the_seed_and_can_be_zero(simulators):

@@ -3,6 +3,7 @@ from contextlib import closing
 
 import numpy as np
 import pytest
+from driving import world_with
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.distance import cdist, pdist
@@ -17,22 +18,14 @@ from barn_sim.contact.cylinders import (
 )
 from barn_sim.simulator import Simulator
 from barn_worlds.base.types import Pose2D, Velocity2D
-from barn_worlds.worlds.world import World
 
 MOVABLE = SimulatorConfig(obstacles=ObstacleConfig(movable=True))
 HERE = Pose2D(-2.25, 5.0, 0.5 * math.pi)
 
 
-def world_with(*cells):
-    grid = np.zeros((30, 30), np.bool_)
-    for cell in cells:
-        grid[cell] = True
-    return World("few", grid, np.array([[0, column] for column in range(30)]))
-
-
 def row(length):
     """Return a world with cylinders one behind the other, ahead of the robot's middle."""
-    return world_with(*((14, 5 + k) for k in range(length)))
+    return world_with(*((14, 5 + k) for k in range(length)), row=0)
 
 
 def push(world, config, steps, speed=0.5, start=HERE):
@@ -59,7 +52,7 @@ def test_the_same_cylinder_stops_the_robot_if_it_cannot_move():
 
 
 def test_cylinders_that_nothing_comes_near_stand_still():
-    world = world_with((14, 5), (14, 12), (3, 5), (27, 5))  # numbered by row
+    world = world_with((14, 5), (14, 12), (3, 5), (27, 5), row=0)  # numbered by row
     _, moved = push(world, MOVABLE, 30)
     assert moved.indices.tolist() == [1]
 
@@ -72,7 +65,7 @@ def test_a_push_is_handed_on_along_a_row():
 
 
 def test_pushed_cylinders_do_not_end_inside_one_another(simulators):
-    world = world_with(*((14 + k % 3, 5 + k // 3) for k in range(9)))
+    world = world_with(*((14 + k % 3, 5 + k // 3) for k in range(9)), row=0)
     simulator = simulators(world, MOVABLE, HERE, 0)
     for _ in range(80):
         simulator.step(Velocity2D(0.5, 0.0))
@@ -106,7 +99,7 @@ def test_the_lidar_sees_a_pushed_cylinder_where_it_is_now(simulators):
     bearing = math.atan2(place.y, place.x)
     beam = np.argmin(np.abs(sensors.scan.angles() - bearing))
     if np.isfinite(centers[0, 0]):
-        expected = math.hypot(place.x, place.y) - 0.075
+        expected = math.hypot(*place.position) - 0.075
         assert sensors.scan.ranges[beam] == pytest.approx(expected, abs=0.02)
     else:  # it has fallen over: what is seen there lies behind
         assert sensors.scan.ranges[beam] > 0.5

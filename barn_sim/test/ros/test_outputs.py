@@ -9,7 +9,7 @@ pytest.importorskip("rclpy")
 from barn_sim.config import SimulatorConfig, SimulatorNodeConfig
 from barn_sim.messages import SimulatorMessages
 from barn_sim.ros.topics import Outputs
-from barn_worlds.base.types import Pose2D
+from barn_worlds.base.types import ORIGIN
 from barn_worlds.messages.topics import TF
 from barn_worlds.ros import topics
 
@@ -21,7 +21,7 @@ def test_without_tf2_msgs_transforms_are_off_and_that_is_said(monkeypatch):
     monkeypatch.setattr(topics, "find_message_class", find_message_class)
     node = Mock()
     messages = SimulatorMessages(SimulatorConfig())
-    transforms = messages.transforms(Pose2D(0.0, 0.0, 0.0), 5)
+    transforms = messages.transforms(ORIGIN, 5)
     outputs = Outputs(node, SimulatorNodeConfig())
     outputs.publish([*messages.constant(), transforms])
     paths = {call.args[1] for call in node.create_publisher.call_args_list}

@@ -13,7 +13,7 @@ from barn_sim.contact.bullet import bullet, connect, disconnect
 from barn_sim.sensors.lidar import Lidar
 from barn_sim.sensors.ray_casting import ROUGH_RAD, rough_angle
 from barn_worlds.base.arrays import unit_vectors
-from barn_worlds.base.types import Pose2D, wrap_angle
+from barn_worlds.base.types import ORIGIN, Pose2D, wrap_angle
 
 QUIET = LidarConfig(noise_m=0.0)
 AROUND = {"angle_min_rad": -math.pi, "angle_max_rad": math.pi}
@@ -28,7 +28,7 @@ def reference(pose, scan, mount_x, centers, radius):
     sensor = pose @ Pose2D(mount_x, 0.0, 0.0)
     angles = scan.angles() + sensor.yaw
     beams = unit_vectors(angles)
-    to_centre = centers - [sensor.x, sensor.y]
+    to_centre = centers - sensor.position
     along = beams @ to_centre.T
     square = (to_centre**2).sum(axis=1) - radius**2
     root = along**2 - square
@@ -84,7 +84,7 @@ def bullet_ranges(client, pose, scan):
     sensor = pose @ Pose2D(QUIET.mount_x_m, 0.0, 0.0)
     angles = scan.angles() + sensor.yaw
     reach = scan.range_max
-    starts = np.tile([sensor.x, sensor.y, 0.3], (len(angles), 1))
+    starts = np.tile([*sensor.position, 0.3], (len(angles), 1))
     beams = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))])
     ends = (starts + reach * beams).tolist()
     hits = bullet.rayTestBatch(starts.tolist(), ends, physicsClientId=client)
@@ -120,7 +120,7 @@ def test_limits_hold_after_the_noise():
     config = LidarConfig(beams=720, noise_m=0.05, range_max_m=2.0, mount_x_m=0.0)
     angles = np.arange(0, 6.28, 0.05)
     ring = 2.075 * unit_vectors(angles)
-    ranges = lidar(config).scan(0, Pose2D(0.0, 0.0, 0.0), ring, 0.075).ranges
+    ranges = lidar(config).scan(0, ORIGIN, ring, 0.075).ranges
     finite = ranges[np.isfinite(ranges)]
     assert finite.max() <= np.float32(2.0)
     assert 0 < len(finite) < len(ranges)
@@ -130,7 +130,7 @@ def test_limits_hold_after_the_noise():
 @pytest.mark.parametrize("name", ["default", "jazzy", "paper2020"])
 def test_presets_see_a_wall_at_its_distance(name):
     config = replace(PRESETS[name].lidar, noise_m=0.0)
-    scan = lidar(config).scan(0, Pose2D(0.0, 0.0, 0.0), np.array([[3.0, 0.0]]), 0.075)
+    scan = lidar(config).scan(0, ORIGIN, np.array([[3.0, 0.0]]), 0.075)
     assert len(scan.ranges) == config.beams
     middle = np.argmin(np.abs(scan.angles()))
     distance = 3.0 - 0.075 - config.mount_x_m

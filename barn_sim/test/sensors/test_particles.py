@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from driving import difference
+from driving import difference, world_with
 
 from barn_sim.config import PRESETS, LocalizationConfig
 from barn_sim.sensors.lidar import Lidar
@@ -22,9 +22,8 @@ from barn_sim.sensors.particles import (
     particle_bins,
     particle_weights,
 )
-from barn_worlds.base.types import Pose2D, nanoseconds
+from barn_worlds.base.types import ORIGIN, Pose2D, nanoseconds
 from barn_worlds.datasets.dataset import open_dataset
-from barn_worlds.worlds.world import World
 
 WIDE = LocalizationConfig(mode="particles", half_cell_low=False)
 AT_START = replace(WIDE, initial_std_m=0.0, initial_yaw_std_rad=0.0)
@@ -37,10 +36,8 @@ SPEED_M_S = 0.4
 @pytest.fixture(scope="module")
 def pillars():
     """Unevenly spaced pillars along both sides and two walls ahead, which fix all three coordinates from the start."""
-    grid = np.zeros((30, 30), np.bool_)
-    grid[4, [1, 3, 8, 10, 16, 21, 29]] = grid[25, [2, 6, 7, 13, 18, 24, 28]] = True
-    grid[8:13, 20] = grid[18:23, 24] = True
-    return World("pillars", grid, np.array([[15, column] for column in range(30)]))
+    sides = (4, [1, 3, 8, 10, 16, 21, 29]), (25, [2, 6, 7, 13, 18, 24, 28])
+    return world_with(*sides, np.s_[8:13, 20], np.s_[18:23, 24])
 
 
 def believer(config, static_map, seed=0):
@@ -156,7 +153,7 @@ def test_between_updates_the_pose_follows_the_odometry(pillars):
 
     particles = believer(WIDE, localization_map(pillars, False), 4)
     driven = [
-        Pose2D(0.0, 0.0, 0.0),
+        ORIGIN,
         Pose2D(0.09, 0.0, 0.3),
         Pose2D(0.11, 0.0, 0.3),
         Pose2D(0.11, 0.0, 0.62),
@@ -176,7 +173,7 @@ def test_a_correction_is_late_if_configured_the_first_is_not(pillars):
             truth = START @ odometry
             estimate = Pose2D(truth.x + x, truth.y + y, truth.yaw + yaw)
             pose = estimate @ odometry.inverse()
-            poses.append((pose.x, pose.y, pose.yaw))
+            poses.append(pose.numbers)
         corrections.append(np.array(poses))
     prompt, late = corrections
     steps = round(1.0 * SPEED_M_S / 0.02)
@@ -227,7 +224,7 @@ def test_random_particles_are_drawn_while_the_average_falls(pillars, slower, fas
 def test_random_particles_lie_in_free_cells(pillars):
     static_map = localization_map(pillars, False)
     poses = believer(AT_START, static_map)._random_poses(5000)
-    away = poses[:, :2] - [static_map.origin_x, static_map.origin_y]
+    away = poses[:, :2] - static_map.origin
     columns, rows = (away / static_map.resolution).astype(int).T
     free = static_map.data == 0
     assert free[rows, columns].all()

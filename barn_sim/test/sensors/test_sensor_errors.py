@@ -17,7 +17,7 @@ from barn_sim.config import (
 from barn_sim.messages import SimulatorMessages
 from barn_sim.sensors.lidar import NO_SHAPES, Lidar
 from barn_sim.simulator import Simulator
-from barn_worlds.base.types import Pose2D, Velocity2D, wrap_angle
+from barn_worlds.base.types import ORIGIN, Pose2D, Velocity2D, wrap_angle
 from barn_worlds.robots.files import load_robot
 
 START = Pose2D(-2.25, 3.0, 1.57)
@@ -28,7 +28,7 @@ AROUND = 3.0 * np.column_stack([np.cos(ANGLES), np.sin(ANGLES)])
 
 def scans(config, count):
     lidar = Lidar(config, np.random.default_rng(0))
-    pose = Pose2D(0.0, 0.0, 0.0)
+    pose = ORIGIN
     readings = [lidar.scan(0, pose, AROUND, 0.4) for _ in range(count)]
     return np.array([scan.ranges for scan in readings], float)
 

@@ -46,9 +46,8 @@ class Compute(Checked):
         0.0, "shortest time between two cycle starts", "s", 0.0, _LONGEST_DELAY_S
     )
 
-    def __post_init__(self) -> None:
+    def check_rules(self) -> None:
         """Raise ConfigError unless delay_p95_s is 0 or at least delay_s, above 0."""
-        super().__post_init__()
         if self.delay_p95_s:
             self.require(
                 self.delay_p95_s >= self.delay_s > 0.0,

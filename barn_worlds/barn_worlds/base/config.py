@@ -157,6 +157,10 @@ class Checked:
         """Raise ConfigError if a declared field, nested or not, is not allowed."""
         for name, declaration, value in fields_of(self):
             _check(name, declaration, value)
+        self.check_rules()
+
+    def check_rules(self) -> None:
+        """Raise ConfigError if fields do not fit together; subclasses say when."""
 
     def require(self, holds: bool, name: str, rule: str) -> None:
         """Raise ConfigError that names a field and its value, unless `holds`.

@@ -66,6 +66,16 @@ class Pose2D:
     y: float
     yaw: float
 
+    @property
+    def position(self) -> tuple[float, float]:
+        """Position x and y in meters."""
+        return self.x, self.y
+
+    @property
+    def numbers(self) -> tuple[float, float, float]:
+        """Position x and y in meters, and yaw in radians."""
+        return self.x, self.y, self.yaw
+
     def __matmul__(self, inner: "Pose2D") -> "Pose2D":
         """Return `inner`, a pose in the frame of this one, in its reference frame."""
         cos = math.cos(self.yaw)
@@ -92,7 +102,7 @@ class Pose2D:
         sin = math.sin(self.yaw)
         # Points are rows, so the rotation matrix stands transposed on the right.
         rotation = np.array([[cos, sin], [-sin, cos]])
-        transformed: Points = points @ rotation + np.array([self.x, self.y])
+        transformed: Points = points @ rotation + np.array(self.position)
         return transformed
 
     def distance(self, other: "Pose2D") -> float:
@@ -105,7 +115,7 @@ class Pose2D:
         A quaternion does not keep the last bit of the yaw.
         """
         z, w = quaternion_from_yaw(self.yaw)
-        return Pose2D(self.x, self.y, yaw_from_quaternion(0.0, 0.0, z, w))
+        return Pose2D(*self.position, yaw_from_quaternion(0.0, 0.0, z, w))
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +127,11 @@ class Velocity2D:
 
     angular: float = 0.0
     """Yaw rate in rad/s."""
+
+    @property
+    def numbers(self) -> tuple[float, float]:
+        """Forward speed in m/s and yaw rate in rad/s."""
+        return self.linear, self.angular
 
     def is_finite(self) -> bool:
         """Tell whether both numbers are finite."""
@@ -189,3 +204,8 @@ class OccupancyMap:
     """Position of the outer corner of data[0, 0] in the map frame."""
 
     origin_y: float
+
+    @property
+    def origin(self) -> tuple[float, float]:
+        """Position (x, y) of the outer corner of data[0, 0] in the map frame, in m."""
+        return self.origin_x, self.origin_y

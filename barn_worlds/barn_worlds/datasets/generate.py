@@ -59,9 +59,8 @@ class WorldParameters(Checked):
         1_000_000, "most grids to try until one has a path", "", 1, 10_000_000
     )
 
-    def __post_init__(self) -> None:
+    def check_rules(self) -> None:
         """Raise ConfigError for an even footprint or unordered thresholds."""
-        super().__post_init__()
         self.require(self.footprint_cells % 2 == 1, "footprint_cells", "must be odd")
         self.require_order("clear_threshold", "below", "fill_threshold")
 
@@ -94,9 +93,8 @@ class DatasetParameters(Checked):
     )
     sets: tuple[WorldParameters, ...] = TABLE_I
 
-    def __post_init__(self) -> None:
+    def check_rules(self) -> None:
         """Raise ConfigError unless 1 to 100,000 worlds, and at least `keep`, result."""
-        super().__post_init__()
         if not 1 <= self.world_count <= MAX_WORLDS:
             raise ConfigError(
                 f"sets and worlds_per_set must make 1 to {MAX_WORLDS} worlds"

@@ -87,9 +87,8 @@ class MotionParameters(Checked):
     radius_m: float = quantity(0.5, "radius of obstacles", "m", 0.01, 10.0)
     height_m: float = quantity(1.0, "height of obstacles", "m", 0.01, 100.0)
 
-    def __post_init__(self) -> None:
+    def check_rules(self) -> None:
         """Raise ConfigError for a minimum above its maximum or too few profiles."""
-        super().__post_init__()
         for low in (
             "obstacles_min",
             "order_min",

@@ -110,7 +110,7 @@ class CoursePlan:
             draw_discs(axes, scene.cylinders_m, 0.5 * size_m, facecolor=OBSTACLE)
         empty = np.empty((0, 2))
         draw_scene(axes, scene._replace(obstacles_m=empty, walls_m=empty))
-        start = np.array([(self.start.x, self.start.y, self.start.yaw)])
+        start = np.array([self.start.numbers])
         draw_outlines(axes, start, self.outline_m, START)
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
         axes.grid(linewidth=0.3, color=FAINT)
@@ -163,7 +163,7 @@ class CoursePlan:
 
     def _extent(self) -> tuple[Floats, Floats]:
         """Return corners (2,) in m of all that is built, with a margin of 0.2 m."""
-        goal_m = np.array([(self.goal.x, self.goal.y)])
+        goal_m = np.array([self.goal.position])
         start_m = self.start.transform(self.outline_m)
         radius_m = self.goal_distance_m
         bounds_m = np.reshape(self.world.bounds_m, (2, 2))

@@ -79,11 +79,9 @@ def draw_scene(axes: Axes, scene: TrialScene, *, faint: bool = False) -> None:
     axes.plot(*scene.path_m.T, **path_style)
 
     if scene.start is not None:
-        axes.plot(
-            scene.start.x, scene.start.y, label="start", **START_MARK, **end_style
-        )
+        axes.plot(*scene.start.position, label="start", **START_MARK, **end_style)
     if scene.goal is not None:
-        goal = (scene.goal.x, scene.goal.y)
+        goal = scene.goal.position
         end_style |= {"color": GOAL, "markersize": 13, "label": "goal"}
         axes.plot(*goal, "*", **end_style)
         if not faint:

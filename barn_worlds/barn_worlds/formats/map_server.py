@@ -95,9 +95,8 @@ class MapRoute(Checked):
     goal: tuple[float, ...] = required("x, y in m (and yaw in rad)")
     waypoints: Any = None  # declared so that the error can name it
 
-    def __post_init__(self) -> None:
+    def check_rules(self) -> None:
         """Raise ConfigError for waypoints, and unless the goal has 2 or 3 numbers."""
-        super().__post_init__()
         self.require(
             self.waypoints is None,
             "waypoints",
@@ -115,9 +114,8 @@ class Waypoint(Checked):
     pose: tuple[float, float, float] = required("x, y, z in m")
     orientation: tuple[float, float, float, float] = required("quaternion w, x, y, z")
 
-    def __post_init__(self) -> None:
+    def check_rules(self) -> None:
         """Raise ConfigError if all numbers of the orientation are 0."""
-        super().__post_init__()
         self.require(any(self.orientation), "orientation", "must not be all 0")
 
     @property
@@ -146,9 +144,8 @@ class MapFile(Checked):
     # Routes by name, or a file of waypoints. Each route is a world of its own.
     routes: Mapping[str, MapRoute] = field(default_factory=dict, metadata=OPTIONAL)
 
-    def __post_init__(self) -> None:
+    def check_rules(self) -> None:
         """Raise ConfigError for an invalid threshold, origin, course or image name."""
-        super().__post_init__()
         self.require_order("free_thresh", "at most", "occupied_thresh")
         self.require(self.origin[2] == 0.0, "origin", "must have a yaw of 0")
         self.require(

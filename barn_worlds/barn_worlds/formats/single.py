@@ -183,7 +183,7 @@ def _read_map(path: Path, robot: Robot, name: str, route: str) -> World:
             name,
             validate_grid(is_filled, str(path)),
             resolution_m,
-            (occupancy.origin_x, occupancy.origin_y),
+            occupancy.origin,
             robot,
             Provenance("map", str(path)),
             course,

@@ -218,7 +218,7 @@ def occupancy_map(data: bytes) -> OccupancyMap:
             f"map origin must not be rotated, got a yaw of {origin.yaw:g} rad"
         )
     cells = message.data.reshape(info.height, info.width).copy()
-    return OccupancyMap(cells, info.resolution, origin.x, origin.y)
+    return OccupancyMap(cells, info.resolution, *origin.position)
 
 
 def path(data: bytes) -> Points:
@@ -240,7 +240,7 @@ def markers(data: bytes) -> Markers:
             continue
         pose = planar_pose(marker.pose)
         if marker.type in (CYLINDER, SPHERE):
-            discs.append((pose.x, pose.y, 0.5 * marker.scale.x))
+            discs.append((*pose.position, 0.5 * marker.scale.x))
         elif marker.type in (LINE_STRIP, LINE_LIST) and marker.points:
             points = pose.transform(planar_points(marker.points))
             if marker.type == LINE_STRIP:

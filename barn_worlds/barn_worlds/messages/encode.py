@@ -99,11 +99,7 @@ class OdometryEncoder(Encoder[Odometry]):
             "nav_msgs/msg/Odometry",
             frame,
             fields,
-            lambda content: (
-                *_pose_values(content.pose),
-                content.velocity.linear,
-                content.velocity.angular,
-            ),
+            lambda content: (*_pose_values(content.pose), *content.velocity.numbers),
             child_frame_id=child_frame,
         )
 
@@ -167,7 +163,7 @@ class TwistStampedEncoder(Encoder[Velocity2D]):
             "geometry_msgs/msg/TwistStamped",
             frame,
             ["twist.linear.x", "twist.angular.z"],
-            lambda twist: (twist.linear, twist.angular),
+            lambda twist: twist.numbers,
         )
 
 
@@ -309,7 +305,7 @@ def encode_map(grid: OccupancyMap, stamp_ns: int, frame: str) -> bytes:
     cells = np.ascontiguousarray(grid.data, np.int8)
     stamp = divmod(stamp_ns, NANOSECONDS_PER_SECOND)
     layout = _grid_layout(*cells.shape, grid.resolution, frame)
-    return layout.fill(*stamp, *stamp, grid.origin_x, grid.origin_y, cells.tobytes())
+    return layout.fill(*stamp, *stamp, *grid.origin, cells.tobytes())
 
 
 # A planner's costmap keeps its size.
@@ -398,7 +394,7 @@ def encode_clock(stamp_ns: int) -> bytes:
 def encode_twist(velocity: Velocity2D) -> bytes:
     """Return serialized geometry_msgs/Twist of a velocity, without a header."""
     # x of the linear and z of the angular velocity; the four between them are zero.
-    return _LITTLE_ENDIAN + struct.pack("<d32xd", velocity.linear, velocity.angular)
+    return _LITTLE_ENDIAN + struct.pack("<d32xd", *velocity.numbers)
 
 
 def encode_bool(value: bool) -> bytes:
@@ -507,4 +503,4 @@ def _pose_fields(pose: str) -> list[str]:
 
 def _pose_values(pose: Pose2D) -> tuple[float, float, float, float]:
     """Return x, y and z, w of the quaternion of a pose, ordered as `_pose_fields`."""
-    return (pose.x, pose.y, *quaternion_from_yaw(pose.yaw))
+    return (*pose.position, *quaternion_from_yaw(pose.yaw))

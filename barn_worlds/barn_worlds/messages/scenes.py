@@ -92,7 +92,7 @@ def encode_scene(scene: TrialScene, stamp_ns: int) -> bytes:
             disc.scale.y = size_m
             # Flat, so that a robot on it stays visible.
             disc.scale.z = _DISC_HEIGHT_M
-            place(disc.pose, pose.x, pose.y, pose.yaw)
+            place(disc.pose, *pose.numbers)
             markers.append(disc)
     return serialize(make_message(WORLD.type_name, markers=markers))
 
@@ -285,8 +285,7 @@ def _read_namespaces(data: bytes, names: Iterable[str]) -> dict[str, list[Messag
 
 def _read_poses(markers: Iterable[Message]) -> Floats:
     """Return x, y, yaw (n, 3) in m and rad of marker objects."""
-    poses = [decode.planar_pose(marker.pose) for marker in markers]
-    rows = [(pose.x, pose.y, pose.yaw) for pose in poses]
+    rows = [decode.planar_pose(marker.pose).numbers for marker in markers]
     return np.array(rows, np.float64).reshape(-1, 3)
 
 

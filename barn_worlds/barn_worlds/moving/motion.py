@@ -65,9 +65,8 @@ class Motion(Checked):
     # begins, so that there is no jump.
     coefficients_m: tuple[tuple[float, float], ...] = ()
 
-    def __post_init__(self) -> None:
+    def check_rules(self) -> None:
         """Raise ConfigError unless keys or coefficients suit the kind of motion."""
-        super().__post_init__()
         if self.kind == "polynomial":
             self._check_count("coefficients_m", len(self.coefficients_m))
             if self.keys:
@@ -214,9 +213,8 @@ class MovingObstacle(Checked):
         default_factory=lambda: Motion(keys=((0.0, 0.0, 0.0), (10.0, 1.0, 0.0)))
     )
 
-    def __post_init__(self) -> None:
+    def check_rules(self) -> None:
         """Raise ConfigError for a bad name or a size of another shape."""
-        super().__post_init__()
         if not 0 < len(self.name) <= _LONGEST_NAME or not self.name.isprintable():
             raise ConfigError(
                 f"name must have 1 to {_LONGEST_NAME} printable characters, "

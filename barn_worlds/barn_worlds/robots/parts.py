@@ -115,9 +115,8 @@ class LidarConfig(Checked):
         1.0,
     )
 
-    def __post_init__(self) -> None:
+    def check_rules(self) -> None:
         """Raise ConfigError unless angle, range and mask end above their beginnings."""
-        super().__post_init__()
         self.require_order("angle_max_rad", "above", "angle_min_rad")
         self.require_order("range_max_m", "above", "range_min_m")
         self.require_order("masked_to_rad", "at least", "masked_from_rad")

@@ -95,9 +95,8 @@ class Chassis(Checked):
         choices=DESCRIPTIONS,
     )
 
-    def __post_init__(self) -> None:
+    def check_rules(self) -> None:
         """Raise ConfigError unless footprint, body, wheels and mass fit together."""
-        super().__post_init__()
         self._check_footprint()
         self.require(
             not any(self.body_m) or (all(self.body_m) and self.is_rectangular),
@@ -313,9 +312,8 @@ class Robot(Checked):
     # Where the numbers are from, by section of the file.
     sources: Mapping[str, str] = field(default_factory=dict, hash=False)
 
-    def __post_init__(self) -> None:
+    def check_rules(self) -> None:
         """Raise ConfigError unless the lidar is above the ground."""
-        super().__post_init__()
         base_height_m = self.chassis.base_height_m
         self.require(
             self.lidar.mount_z_m + base_height_m > 0.0,

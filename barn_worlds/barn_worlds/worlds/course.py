@@ -255,7 +255,7 @@ def _require_free(world: World, robot: Robot, start: Pose2D, goal: Pose2D) -> No
             # A robot may arrive at the goal at any heading.
             distances_m = np.hypot(x, y) - robot.chassis.inscribed_m
         touches = distances_m.min(initial=np.inf) <= world.cylinder_radius_m
-        position = np.array([[pose.x, pose.y]])
+        position = np.array([pose.position])
         ((row, column),) = world.containing_cells(position)
         if touches or (column >= 0 and world.occupied[row, column]):
             raise WorldError(
@@ -265,7 +265,7 @@ def _require_free(world: World, robot: Robot, start: Pose2D, goal: Pose2D) -> No
 
 def _plan_between(world: World, robot: Robot, start: Pose2D, goal: Pose2D) -> Cells:
     """Return path cells (n, 2) from start to goal; WorldError if there is no path."""
-    points = np.array([(start.x, start.y), (goal.x, goal.y)])
+    points = np.array([start.position, goal.position])
     ends = np.clip(world.containing_cells(points), 0, np.array(world.grid.shape) - 1)
 
     # The robot may stand closer to obstacles at the ends than along the path, so around

@@ -57,7 +57,7 @@ class TrialScene(NamedTuple):
     def ends_m(self) -> Floats:
         """Return x, y (k, 2) in m of start and goal; unknown ones are left out."""
         poses = [pose for pose in (self.start, self.goal) if pose is not None]
-        return np.array([(pose.x, pose.y) for pose in poses]).reshape(-1, 2)
+        return np.array([pose.position for pose in poses]).reshape(-1, 2)
 
     def view_m(
         self, low: Floats, high: Floats, *driven_m: Points
@@ -84,7 +84,7 @@ def scene_of_map(grid: OccupancyMap) -> TrialScene:
     """Return the scene of a map: a cylinder in each occupied cell beside a free one."""
     is_occupied = grid.data > OCCUPIED // 2
     rows, columns = np.nonzero(is_occupied & ~hollow_cells(is_occupied))
-    corner = np.array([grid.origin_x, grid.origin_y])
+    corner = np.array(grid.origin)
     return TrialScene(
         obstacles_m=corner + (np.column_stack([columns, rows]) + 0.5) * grid.resolution,
         walls_m=np.empty((0, 2)),

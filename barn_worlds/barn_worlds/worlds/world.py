@@ -62,7 +62,7 @@ class World:
     resolution_m: float = geometry.STANDARD_CELL_M
     # Odd side of the robot's square footprint, for the C-space.
     footprint_cells: int = 5
-    provenance: Provenance = field(default_factory=Provenance)
+    provenance: Provenance = Provenance()
     # What stands and moves beside the grid's cylinders; the C-space does not contain
     # it.
     walls: tuple[Wall, ...] = ()
@@ -288,9 +288,7 @@ class World:
         if self.start is None or self.goal is None:
             return ()
         poses = (self.start, self.goal)
-        return tuple(
-            float(number) for pose in poses for number in (pose.x, pose.y, pose.yaw)
-        )
+        return tuple(float(number) for pose in poses for number in pose.numbers)
 
     @cached_property
     def checksum(self) -> str:

@@ -4,8 +4,8 @@ import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
+from refusals import refused
 
-from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.files import dump_yaml, parse_yaml
 from barn_worlds.base.yaml_scalars import (
     CoreLoader,
@@ -73,6 +73,6 @@ def test_numbers_and_flags_of_maps_may_be_quoted():
 
 
 @pytest.mark.parametrize("loader", [CoreLoader, RosLoader, TextLoader])
-def test_a_key_that_occurs_twice_is_refused(loader, refused):
-    with refused(ConfigError, "^f: not YAML: 'a' occurs twice; keep only one"):
+def test_a_key_that_occurs_twice_is_refused(loader):
+    with refused("^f: not YAML: 'a' occurs twice; keep only one"):
         parse_yaml("b: {a: 1, c: 2, a: 3}", "f", loader)

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 from PIL import Image
+from refusals import refused
 
 from barn_worlds.base.errors import WorldError
 from barn_worlds.base.types import OccupancyMap
@@ -46,7 +47,7 @@ def test_thresholds_are_honoured(tmp_path):
     grid = read_map(save(tmp_path))
     # chance of being occupied, upper image row: 1, 0.651, 0.647; lower, which is data[0]: 0.2510, 0.2471, 0
     assert grid.data.tolist() == [[-1, 0, 0], [100, 100, -1]]
-    assert (grid.resolution, grid.origin_x, grid.origin_y) == (0.1, 1.0, -2.0)
+    assert (grid.resolution, *grid.origin) == (0.1, 1.0, -2.0)
     negated = read_map(save(tmp_path, YAML.replace("negate: 0", "negate: 1")))
     assert negated.data.tolist() == [[100, 100, 100], [0, -1, -1]]
 
@@ -65,7 +66,7 @@ def test_maps_come_back(tmp_path_factory, data, resolution, x):
     write_map(OccupancyMap(data, resolution, x, -x), path)
     read = read_map(path.with_name("a.b.yaml"))
     assert np.array_equal(read.data, data)
-    assert (read.resolution, read.origin_x, read.origin_y) == (resolution, x, -x)
+    assert (read.resolution, *read.origin) == (resolution, x, -x)
 
 
 def test_a_plain_image_gives_the_same_map(tmp_path):
@@ -262,9 +263,9 @@ def test_any_other_map_is_taken_as_it_is_in_its_place(tmp_path):
         ((YAML, "a: " + "x" * 70_000), "more than the allowed 65536 bytes"),
     ],
 )
-def test_malformed_descriptions_are_refused(tmp_path, change, message, refused):
+def test_malformed_descriptions_are_refused(tmp_path, change, message):
     text = with_keys(change) if isinstance(change, str) else YAML.replace(*change)
-    with refused(WorldError, message):
+    with refused(message, WorldError):
         read_map(save(tmp_path, text))
 
 
@@ -283,7 +284,7 @@ LEGS = """waypoints:
 """
 
 
-def test_waypoints_saved_in_rviz_are_routes_from_each_to_the_next(tmp_path, refused):
+def test_waypoints_saved_in_rviz_are_routes_from_each_to_the_next(tmp_path):
     path = save(tmp_path, YAML + "routes: legs.yaml\n")
     legs = tmp_path / "legs.yaml"
     legs.write_text(LEGS)
@@ -294,7 +295,7 @@ def test_waypoints_saved_in_rviz_are_routes_from_each_to_the_next(tmp_path, refu
     assert routes[names[1]].start == pytest.approx((3.0, 2.0, np.pi / 2))
     assert routes[names[0]].goal == routes[names[1]].start
 
-    with refused(WorldError, "is not a map; name it .*: routes: legs.yaml"):
+    with refused("is not a map; name it .*: routes: legs.yaml", WorldError):
         read_map_file(legs)
     for text, message in (
         ("{type: FeatureCollection, features: []}", "must have two waypoints or more"),
@@ -307,7 +308,7 @@ def test_waypoints_saved_in_rviz_are_routes_from_each_to_the_next(tmp_path, refu
     ):
         legs.write_text(text)
         assert read_route_names(path) == []
-        with refused(WorldError, message):
+        with refused(message, WorldError):
             read_map_file(path)
 
 
@@ -329,6 +330,6 @@ Image.new("F", (3, 2)).save(FLOATING, "TIFF")
         (FLOATING.getvalue(), "pixels of mode F are not supported"),
     ],
 )
-def test_malformed_images_are_refused(tmp_path, pgm, message, refused):
-    with refused(WorldError, f"{tmp_path / 'm.pgm'}.*{message}"):
+def test_malformed_images_are_refused(tmp_path, pgm, message):
+    with refused(f"{tmp_path / 'm.pgm'}.*{message}", WorldError):
         read_map(save(tmp_path, pgm=pgm))

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import yaml
 from archives import members, repack
+from refusals import refused
 
 from barn_worlds.base.errors import BarnError
 from barn_worlds.datasets.dataset import open_dataset
@@ -181,7 +182,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("case", WRONG)
-def test_a_malformed_yaml_world_is_one_clear_line(case, scenes, tmp_path, refused):
+def test_a_malformed_yaml_world_is_one_clear_line(case, scenes, tmp_path):
     changes, message = WRONG[case]
     file = tmp_path / "wrong.world.yaml"
     million = "moving: [{motion: {keys: [" + "[0,0,0]," * 10**6 + "]}}]"
@@ -190,7 +191,7 @@ def test_a_malformed_yaml_world_is_one_clear_line(case, scenes, tmp_path, refuse
         if case == "a million keys"
         else changed(world_yaml(scenes[0]), **changes)
     )
-    with refused(BarnError, f"^{file}.*{re.escape(message)}"):
+    with refused(f"^{file}.*{re.escape(message)}", BarnError):
         open_dataset(file).load(0)
 
 
@@ -216,10 +217,10 @@ def test_a_malformed_yaml_world_is_one_clear_line(case, scenes, tmp_path, refuse
     ],
 )
 def test_malformed_motion_in_a_data_set_file_is_one_clear_line(
-    dataset_file, name, array, message, refused
+    dataset_file, name, array, message
 ):
     repack(dataset_file, {f"{name}.npy": encode_npy(array)})
-    with refused(BarnError, re.escape(message)):
+    with refused(re.escape(message), BarnError):
         dataset = open_dataset(dataset_file)
         for index in dataset.world_numbers:
             dataset.load(index)

@@ -25,15 +25,15 @@ def outline(request):
     return request.param
 
 
-def boundary(outline, count=4000):
+def boundary(outline):
     """Return dense points (n, 2) of an outline's edge."""
     if outline.radius_m:
-        angles = np.linspace(0.0, 2.0 * math.pi, count, endpoint=False)
+        angles = np.linspace(0.0, 2.0 * math.pi, 4000, endpoint=False)
         return outline.radius_m * np.stack([np.cos(angles), np.sin(angles)], axis=1)
     corners = outline.corners_m
     return np.concatenate(
         [
-            np.linspace(a, b, count // 4)
+            np.linspace(a, b, 1000)
             for a, b in zip(corners, np.roll(corners, -1, 0), strict=True)
         ]
     )

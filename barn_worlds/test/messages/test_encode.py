@@ -68,7 +68,7 @@ def pose(x: float, y: float, yaw: float = 0.0) -> geometry.Pose:
     )
 
 
-AT = pose(POSE.x, POSE.y, POSE.yaw)
+AT = pose(*POSE.numbers)
 MOVES = geometry.Twist(
     linear=geometry.Vector3(x=0.5), angular=geometry.Vector3(z=-0.25)
 )

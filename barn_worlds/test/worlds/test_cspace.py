@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
+from refusals import refused
 from scipy import ndimage
 
 from barn_worlds.base.errors import WorldError
@@ -24,7 +25,7 @@ def test_the_cspace_is_filled_where_the_footprint_is(grid, side):
 
 @pytest.mark.parametrize("side", [0, -1, 2, 4])
 def test_footprints_that_have_no_middle_cell_are_refused(side):
-    with pytest.raises(WorldError, match="footprint must be an odd number"):
+    with refused("footprint must be an odd number", WorldError):
         configuration_space(np.zeros((3, 3), bool), side)
 
 

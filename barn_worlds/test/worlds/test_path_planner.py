@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
+from refusals import refused
 
 from barn_worlds.base.errors import WorldError
 from barn_worlds.datasets.dataset import open_dataset
@@ -169,7 +170,7 @@ def test_ends_that_are_occupied_or_outside():
     cspace = np.zeros((3, 3), bool)
     cspace[0, 0] = True
     assert plan_path(cspace, (0, 0), (2, 2)) is None
-    with pytest.raises(WorldError, match=r"cell \(3, 0\) is outside the grid of 3 x 3"):
+    with refused(r"cell \(3, 0\) is outside the grid of 3 x 3", WorldError):
         plan_path(cspace, (3, 0), (2, 2))
 
 

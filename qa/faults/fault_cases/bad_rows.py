@@ -3,13 +3,12 @@
 import json
 import shutil
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 from barn_eval.results.rows import seal_line, unseal_line
 from fault_cases.campaigns import run_undisturbed
 from fault_cases.inputs import FAMILY, LONGEST
-from fault_cases.kit import Lab, add, hold
+from fault_cases.kit import Lab, add_all, hold
 
 
 def _bad_rows(lab: Lab, change: Callable[[dict[str, Any]], str]) -> str:
@@ -30,7 +29,8 @@ def _bad_rows(lab: Lab, change: Callable[[dict[str, Any]], str]) -> str:
     return refusal.replace(str(lab.folder), "")[:200]
 
 
-for _name, _done, _change in (
+_MUST = "Report and comparison refuse it in one line with file and line."
+_ROWS = (
     (
         "row-nan",
         "A row says that a trial took NaN s.",
@@ -63,11 +63,5 @@ for _name, _done, _change in (
         "A row's detail is half a character of UTF-16.",
         lambda row: json.dumps(row | {"detail": "\ud800"}),
     ),
-):
-    add(
-        FAMILY,
-        _name,
-        _done,
-        "Report and comparison refuse it in one line with file and line.",
-        partial(_bad_rows, change=_change),
-    )
+)
+add_all(FAMILY, _MUST, _bad_rows, _ROWS)

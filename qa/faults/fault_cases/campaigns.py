@@ -14,7 +14,7 @@ from shutil import which
 from subprocess import Popen
 from typing import Any
 
-from fault_cases.kit import LIMIT_S, Lab, Skipped, add, case, hold, scratch
+from fault_cases.kit import Lab, Skipped, add, case, hold, scratch
 from fault_cases.system import kill, send, succeeds
 
 FAMILY = "campaign"
@@ -57,7 +57,7 @@ def expect_tables(out: Path) -> None:
 
 @cache
 def _drive_undisturbed() -> Path:
-    lab = Lab(scratch(), LIMIT_S)
+    lab = Lab(scratch())
     lab.barn(*campaign(lab, "--workers", 1))
     return lab.out
 
@@ -128,12 +128,13 @@ for _number in (
         _number.name.lower(),
         f"The campaign gets {_number.name} after two trials, and is then run again.",
         f"{signal_note}No worker is left; the tables are the undisturbed ones to the byte.",
-        partial(_interrupt, number=_number),
+        _interrupt,
+        _number,
     )
 
 
 def _disturb(
-    lab: Lab, disturb: Callable[[Lab], object], *options: object, words: str = ""
+    lab: Lab, disturb: Callable[[Lab], object], words: str = "", *options: object
 ) -> str:
     run = start_two_rows(lab, *options)
     disturb(lab)
@@ -177,52 +178,53 @@ add(
     "worker-killed",
     "One of two workers gets SIGKILL.",
     f"Its trial is tried again, and the loss is told. {_MUST}",
-    lambda lab: _disturb(
-        lab, partial(_kill_workers, count=1), words="was killed by SIGKILL"
-    ),
+    _disturb,
+    partial(_kill_workers, count=1),
+    "was killed by SIGKILL",
 )
 add(
     FAMILY,
     "all-workers-killed",
     "Both workers get SIGKILL.",
     f"Their trials are tried again. {_MUST}",
-    lambda lab: _disturb(
-        lab, partial(_kill_workers, count=2), words="was killed by SIGKILL"
-    ),
+    _disturb,
+    partial(_kill_workers, count=2),
+    "was killed by SIGKILL",
 )
 add(
     FAMILY,
     "worker-stopped",
     "A worker gets SIGSTOP, for ever; trials may take 25 s.",
     f"It is given up after its time, and its trial is tried again. {_MUST}",
-    lambda lab: _disturb(
-        lab,
-        partial(_kill_workers, count=1, number=signal.SIGSTOP),
-        "--execution",
-        "trial_limit_s=25",
-        words="no result within 25 s",
-    ),
+    _disturb,
+    partial(_kill_workers, count=1, number=signal.SIGSTOP),
+    "no result within 25 s",
+    "--execution",
+    "trial_limit_s=25",
 )
 add(
     FAMILY,
     "machine-suspended",
     "All processes of the campaign are suspended for 8 s.",
     f"It goes on. {_MUST}",
-    lambda lab: _disturb(lab, _suspend),
+    _disturb,
+    _suspend,
 )
 add(
     FAMILY,
     "workers-suspended",
     "Both workers are suspended for 40 s, longer than a planner may take for a cycle.",
     f"No planner is blamed. {_MUST}",
-    lambda lab: _disturb(lab, partial(_suspend, text="running.worker", for_s=40.0)),
+    _disturb,
+    partial(_suspend, text="running.worker", for_s=40.0),
 )
 add(
     FAMILY,
     "group-suspended",
     "All processes of the campaign are suspended for 40 s, longer than a planner may take for a cycle.",
     f"No planner is blamed. {_MUST}",
-    lambda lab: _disturb(lab, partial(_suspend, for_s=40.0)),
+    _disturb,
+    partial(_suspend, for_s=40.0),
 )
 add(
     FAMILY,
@@ -265,7 +267,8 @@ for _name, _days in (("forward", 40), ("backward", -40)):
         f"clock-jumps-{_name}",
         f"The clock jumps {_name} by 40 days after two trials.",
         f"No trial is given up and no duration is wrong. {_MUST}",
-        partial(_jump, days=_days),
+        _jump,
+        _days,
     )
 
 

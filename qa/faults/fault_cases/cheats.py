@@ -1,6 +1,5 @@
 """Planners over ROS that try to win by other means than driving."""
 
-from functools import partial
 from pathlib import Path
 
 from fault_cases.environment import shared_memory
@@ -25,16 +24,9 @@ def _read_report(lab: Lab) -> str:
     return "; ".join(path.read_text().splitlines()) if path.exists() else ""
 
 
-def _run_cheat(
-    lab: Lab,
-    kind: str,
-    outcome: str,
-    words: str,
-    report: str = "",
-    options: tuple[object, ...] = (),
-) -> str:
+def _run_cheat(lab: Lab, kind: str, outcome: str, words: str, report: str = "") -> str:
     """Run a trial of a planner that cheats and check its end and its report."""
-    lab.barn(*cheating(lab, kind, *options), code=None)
+    lab.barn(*cheating(lab, kind), code=None)
     row = lab.row()
     description = "; ".join(
         filter(None, (ending(row), row["remarks"], _read_report(lab)))
@@ -56,9 +48,8 @@ outcome | publishes /outcome
 step | called simulator/step
     The planner calls the simulator's step.
 """
-for _name, _words, _done in cases_of(_CAUGHT_CASES):
-    _act = partial(_run_cheat, kind=_name, outcome="interference", words=_words)
-    add(FAMILY, _name, _done, _CAUGHT, _act)
+for _name, _done, _words in cases_of(_CAUGHT_CASES):
+    add(FAMILY, _name, _done, _CAUGHT, _run_cheat, _name, "interference", _words)
 # Words of the row, and of what the planner reports.
 _VAIN = """
 evaluators-name | |
@@ -89,11 +80,9 @@ _ENDS = {
     "seed": "It sees no file there; the trial runs to its timeout.",
     "suite": "It may, as any process of that user: [Fairness](fairness.md#left-to-the-organizer) says what helps.",
 }
-for _name, _words, _find, _done in cases_of(_VAIN):
-    _act = partial(
-        _run_cheat, kind=_name, outcome="timeout", words=_words, report=_find
-    )
-    add(FAMILY, _name, _done, _ENDS.get(_name, _NOTHING), _act)
+for _name, _done, *_found in cases_of(_VAIN):
+    _must = _ENDS.get(_name, _NOTHING)
+    add(FAMILY, _name, _done, _must, _run_cheat, _name, "timeout", *_found)
 _GATE = ("--ros", "patience.gate_s=10")
 _DETAIL = 4000
 
@@ -135,7 +124,7 @@ for _name, _done, _most in (
     ),
 ):
     _must = "What is kept of that is bounded, and so is the time that it takes; the trial runs to its timeout."
-    add(FAMILY, _name, _done, _must, partial(_parameters, kind=_name, most=_most))
+    add(FAMILY, _name, _done, _must, _parameters, _name, _most)
 
 
 @case(FAMILY)

@@ -2,7 +2,6 @@
 
 import shutil
 from collections.abc import Sequence
-from functools import partial
 
 from fault_cases.campaigns import run_undisturbed
 from fault_cases.direct import SHORT
@@ -49,13 +48,15 @@ seed | run --seed -1 --out out | --seed
 folder | report no/such | no/such
     A report of a folder that is not there.
 """
-for _name, _words, _mistake, _done in cases_of(_MISTAKES):
+for _name, _done, _words, _mistake in cases_of(_MISTAKES):
     add(
         FAMILY,
         f"typo-{_name}",
         _done,
         "Refused in one line that names the mistake and what is near or allowed.",
-        partial(_expect_refusal, words=_words.split(), mistake=_mistake),
+        _expect_refusal,
+        _words.split(),
+        _mistake,
     )
 
 

@@ -110,10 +110,9 @@ hangs-in-c | stalled |
 ignores-signals | stalled |
     The planner ignores SIGTERM and sleeps.
 """
-for _kind, _end, _detail, _done in cases_of(_KINDS):
+for _kind, _done, _end, _detail in cases_of(_KINDS):
     _outcome, _must, _options = _ENDS[_end]
-    _act = partial(drive, kind=_kind, outcome=_outcome, detail=_detail, extra=_options)
-    add(FAMILY, _kind, _done, _must, _act)
+    add(FAMILY, _kind, _done, _must, drive, _kind, _outcome, _detail, _options)
 
 
 @case(FAMILY)

@@ -4,13 +4,12 @@ import json
 import os
 import shutil
 from collections.abc import Callable, Sequence
-from functools import partial
 from pathlib import Path
 
 from barn_eval.results.rows import RowFile, seal_line, unseal_line, write_tables
 from fault_cases.campaigns import campaign, resume, run_undisturbed
 from fault_cases.files import FAMILY
-from fault_cases.kit import Lab, add, case, hold
+from fault_cases.kit import Lab, add, add_all, case, hold
 
 
 def _copy_finished(lab: Lab) -> Path:
@@ -59,7 +58,8 @@ for _name, _file in (
         _name,
         f"The last line of {_file} is cut off, as a crash of the machine leaves it, and the campaign is run again.",
         "The trial is run again; the tables are the undisturbed ones to the byte.",
-        partial(_torn, name=_file),
+        _torn,
+        _file,
     )
 
 
@@ -113,7 +113,7 @@ def _double(out: Path) -> None:
 
 
 _MUST = "Resuming refuses it in one line with file and line; `barn check` names it as well; nothing is changed."
-for _name, _done, _alter, _words in (
+_ALTERED = (
     (
         "garbage-line",
         "Bytes that are no text stand between two rows.",
@@ -151,14 +151,8 @@ for _name, _done, _alter, _words in (
         lambda out: os.truncate(out / "run.json", 300),
         "run.json",
     ),
-):
-    add(
-        FAMILY,
-        _name,
-        _done,
-        _MUST,
-        partial(_expect_refusal, alter=_alter, words=_words),
-    )
+)
+add_all(FAMILY, _MUST, _expect_refusal, _ALTERED)
 
 
 def _expect_failed_check(lab: Lab, alter: Callable[[Path], object], words: str) -> str:
@@ -191,7 +185,7 @@ def _flip(out: Path) -> None:
 
 
 _MUST = "`barn check` names the file and what is wrong; exit code 1."
-for _name, _done, _alter, _words in (
+_DAMAGED = (
     (
         "missing-bag",
         "The file of a bag is removed.",
@@ -235,14 +229,8 @@ for _name, _done, _alter, _words in (
         lambda out: os.truncate(out / "results.parquet", 500),
         "parquet",
     ),
-):
-    add(
-        FAMILY,
-        _name,
-        _done,
-        _MUST,
-        partial(_expect_failed_check, alter=_alter, words=_words),
-    )
+)
+add_all(FAMILY, _MUST, _expect_failed_check, _DAMAGED)
 
 
 def _differs(lab: Lab, options: Sequence[object], words: str) -> str:
@@ -252,7 +240,8 @@ def _differs(lab: Lab, options: Sequence[object], words: str) -> str:
     return refusal
 
 
-for _name, _done, _options, _words in (
+_MUST = "Refused in one line that names what differs."
+_OTHERS = (
     (
         "other-seed",
         "A campaign is resumed with another seed.",
@@ -271,14 +260,8 @@ for _name, _done, _options, _words in (
         ("--sim", "lidar.beams=360"),
         "lidar.beams is 720 there",
     ),
-):
-    add(
-        FAMILY,
-        _name,
-        _done,
-        "Refused in one line that names what differs.",
-        partial(_differs, options=_options, words=_words),
-    )
+)
+add_all(FAMILY, _MUST, _differs, _OTHERS)
 
 
 @case(FAMILY)

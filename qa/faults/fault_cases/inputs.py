@@ -4,13 +4,12 @@ import gzip
 import io
 import zipfile
 from collections.abc import Callable, Sequence
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 import barn_worlds
-from fault_cases.kit import Lab, add, case, hold
+from fault_cases.kit import Lab, add_all, case, hold
 
 FAMILY = "inputs"
 _DATA = Path(barn_worlds.__file__).parent / "data" / "barn_test.npz"
@@ -24,7 +23,7 @@ def expect_refusal(
 ) -> str:
     """Make a file and give it to a command as the last word, which must refuse it.
 
-    The command may take 3 GB of memory at most.
+    The command may take 3 GB of memory at most, and names the file or `named`.
     """
     make(lab.folder / name)
     refusal = lab.expect_refusal(*words, name, prefix=("prlimit", "--as=3000000000"))
@@ -91,13 +90,8 @@ for _level in range(1, 10):
     _inner = f"&a{_level - 1};" * 10
     _LAUGHS += f'<!ENTITY a{_level} "{_inner}">'
 _LIST = ("worlds", "list")
-_NAMED = {
-    "pgm-huge": "map.pgm",
-    "pgm-cut-off": "map.pgm",
-    "map-outside": "/etc/passwd",
-}  # where it is another file
-_SCHEMA = "schema_version: 1\n"
-for _name, _done, _file, _make, _words in (
+MUST = "Refused in one line that names the file, within 3 GB."
+_CASES = (
     (
         "npz-pickled",
         "A data set with a pickled array.",
@@ -141,6 +135,7 @@ for _name, _done, _file, _make, _words in (
         "map.yaml",
         _pgm_map(b"P5 1000000 1000000 255\n" + bytes(100)),
         _LIST,
+        "map.pgm",
     ),
     (
         "pgm-cut-off",
@@ -148,6 +143,7 @@ for _name, _done, _file, _make, _words in (
         "map.yaml",
         _pgm_map(b"P5 100 100 255\n" + bytes(99)),
         _LIST,
+        "map.pgm",
     ),
     (
         "map-outside",
@@ -157,6 +153,7 @@ for _name, _done, _file, _make, _words in (
             "image: /etc/passwd\nresolution: 0.05\norigin: [0, 0, 0]\noccupied_thresh: 0.65\nfree_thresh: 0.2\nnegate: 0\n"  # noqa: E501, RUF100
         ),
         _LIST,
+        "/etc/passwd",
     ),
     (
         "xml-laughs",
@@ -218,20 +215,8 @@ for _name, _done, _file, _make, _words in (
         ),
         ("replay",),
     ),
-):
-    add(
-        FAMILY,
-        _name,
-        _done,
-        "Refused in one line that names the file, within 3 GB.",
-        partial(
-            expect_refusal,
-            name=_file,
-            make=_make,
-            words=_words,
-            named=_NAMED.get(_name, ""),
-        ),
-    )
+)
+add_all(FAMILY, MUST, expect_refusal, _CASES)
 
 
 @case(FAMILY)

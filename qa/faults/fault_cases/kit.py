@@ -12,7 +12,7 @@ import sys
 import tempfile
 import time
 import uuid
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -27,7 +27,7 @@ T = TypeVar("T")
 Row = dict[str, Any]
 
 TESTS = Path(__file__).resolve().parents[3] / "barn_eval" / "test"
-LIMIT_S = 400.0  # of a case: many times what it takes, since the machine may be busy
+_LIMIT_S = 400.0  # of a case: many times what it takes, since the machine may be busy
 _LEFT_S = 60.0  # for processes to end after a command that was killed
 _MESSAGE = 4000  # characters of an error, with the end of a log in it
 
@@ -44,15 +44,15 @@ class Skipped(Exception):
 class Case:
     """A fault: what is done, what must happen, and the function that does it.
 
-    The function returns what was measured.
+    The function gets a lab and the arguments, and returns what was measured.
     """
 
     family: str
     name: str
     done: str
     must: str
-    act: "Callable[[Lab], str]"
-    limit_s: float
+    act: Callable[..., str]
+    arguments: tuple[object, ...] = ()
 
     @property
     def key(self) -> str:
@@ -68,19 +68,25 @@ def add(
     name: str,
     done: str,
     must: str,
-    act: "Callable[[Lab], str]",
-    limit_s: float = LIMIT_S,
+    act: Callable[..., str],
+    *arguments: object,
 ) -> None:
     """Add a case under an unused name."""
-    case = Case(family, name, done, must, act, limit_s)
+    case = Case(family, name, done, must, act, arguments)
     if case.key in CASES:
         raise ValueError(f"two cases are named {case.key}")
     CASES[case.key] = case
 
 
-def case(
-    family: str, limit_s: float = LIMIT_S
-) -> "Callable[[Callable[[Lab], str]], Callable[[Lab], str]]":
+def add_all(
+    family: str, must: str, act: Callable[..., str], rows: Iterable[Sequence[Any]]
+) -> None:
+    """Add a case for each row: its name, what is done, and the arguments of `act`."""
+    for name, done, *arguments in rows:
+        add(family, name, done, must, act, *arguments)
+
+
+def case(family: str) -> "Callable[[Callable[[Lab], str]], Callable[[Lab], str]]":
     """Return a decorator that adds a function as a case.
 
     Its doc is what is done and, below, what must happen.
@@ -89,17 +95,18 @@ def case(
     def add_function(act: Callable[[Lab], str]) -> Callable[[Lab], str]:
         done, _, must = (inspect.getdoc(act) or "").partition("\n\n")
         name = act.__name__.replace("_", "-")
-        add(family, name, " ".join(done.split()), " ".join(must.split()), act, limit_s)
+        add(family, name, " ".join(done.split()), " ".join(must.split()), act)
         return act
 
     return add_function
 
 
 def cases_of(text: str) -> Iterator[list[str]]:
-    """Yield the cells of each case: those that `|` parts, and what is done, a line below."""
+    """Yield of each case its name, what is done (a line below), and further cells."""
     lines = text.strip().splitlines()
     for head, done in zip(lines[::2], lines[1::2], strict=True):
-        yield [*map(str.strip, head.split("|")), done.strip()]
+        name, *cells = map(str.strip, head.split("|"))
+        yield [name, done.strip(), *cells]
 
 
 def hold(condition: object, otherwise: object) -> None:
@@ -138,11 +145,11 @@ class Lab:
     The processes are recognized by a mark in their environment.
     """
 
-    def __init__(self, folder: Path, limit_s: float) -> None:
+    def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.out = folder / "out"
         self.mark = uuid.uuid4().hex
-        self._deadline = time.monotonic() + limit_s
+        self._deadline = time.monotonic() + _LIMIT_S
         self._commands = 0
         self.environment = os.environ | {MARK: self.mark}
         self.environment.pop("ROS_DOMAIN_ID", None)

@@ -3,7 +3,6 @@
 import signal
 import time
 from contextlib import suppress
-from functools import partial
 
 from fault_cases.kit import Lab, add, cases_of, ending, hold
 from fault_cases.planners import FOREIGN, SCRIPT, by_command, drive, judge, ros
@@ -52,28 +51,27 @@ reset | called simulator/reset
 pause | called simulator/pause
     The planner calls the simulator's pause.
 """
-for _kind, _words, _done in cases_of(_MEDDLING):
-    add(
-        FAMILY,
-        _kind.replace("_", "-"),
-        _done,
-        _MUST,
-        partial(_expect_interference, kind=_kind, words=_words),
-    )
+for _kind, _done, _words in cases_of(_MEDDLING):
+    _name = _kind.replace("_", "-")
+    add(FAMILY, _name, _done, _MUST, _expect_interference, _kind, _words)
 
 add(
     FAMILY,
     "reads-the-truth",
     "The planner subscribes to /ground_truth/odom.",
     "It hears nothing, and the row names it.",
-    partial(_expect_remark, ground_truth="false", heard=False),
+    _expect_remark,
+    "false",
+    False,
 )
 add(
     FAMILY,
     "reads-the-truth-asked-for",
     "The planner subscribes to /ground_truth/odom in a run with --ros ground_truth=true.",
     "It hears the truth, and the row names it.",
-    partial(_expect_remark, ground_truth="true", heard=True),
+    _expect_remark,
+    "true",
+    True,
 )
 
 
@@ -124,13 +122,11 @@ for _name in ("simulator", "evaluator", "guard", "worker", "run"):
             f"{_number.name.lower()}-for-the-{_name}",
             f"The planner looks for the {_name} of its run, to send it {_number.name}.",
             "It sees none of the suite's processes; the trial runs to its timeout at the first attempt.",
-            partial(
-                _send_signal,
-                what=_name,
-                number=_number,
-                isolate=True,
-                expected="timeout",
-            ),
+            _send_signal,
+            _name,
+            _number,
+            True,
+            "timeout",
         )
 for _name, _number, _expected in (
     ("simulator", signal.SIGKILL, "may have caused it"),
@@ -148,16 +144,20 @@ for _name, _number, _expected in (
         "The row says that the trial was repeated, and why."
         if _expected == "repeated"
         else "The trial is not repeated and counts as the planner's failure.",
-        partial(
-            _send_signal, what=_name, number=_number, isolate=False, expected=_expected
-        ),
+        _send_signal,
+        _name,
+        _number,
+        False,
+        _expected,
     )
 add(
     FAMILY,
     "kills-its-parent",
     "The planner sends SIGKILL to its parent, the first process that it sees.",
     "The kernel drops it: the trial runs to its timeout.",
-    partial(drive, kind="kills-its-parent", outcome="timeout"),
+    drive,
+    "kills-its-parent",
+    "timeout",
 )
 
 
@@ -187,11 +187,6 @@ floods | collision |
 floods-slowly | collision |
     The planner publishes 1 MB at 50 Hz on a topic of its own, and answers.
 """
-for _kind, _outcome, _words, _done in cases_of(_CROWDS):
-    add(
-        FAMILY,
-        _kind,
-        _done,
-        "The trial ends at once, and names that; or it goes on, and the evaluator's memory stays below 3 GB.",
-        partial(_expect_bounded_memory, kind=_kind, outcome=_outcome, words=_words),
-    )
+_MUST = "The trial ends at once, and names that; or it goes on, and the evaluator's memory stays below 3 GB."
+for _kind, _done, *_arguments in cases_of(_CROWDS):
+    add(FAMILY, _kind, _done, _MUST, _expect_bounded_memory, _kind, *_arguments)

@@ -22,7 +22,7 @@ from shutil import which
 from fault_cases.campaigns import shifted_clock
 from fault_cases.direct import gap_run
 from fault_cases.environment import FAMILY as MACHINE
-from fault_cases.kit import Lab, Skipped, add, case, ending, hold
+from fault_cases.kit import Lab, Skipped, add_all, case, ending, hold
 from fault_cases.planners import FOREIGN, by_command, judge, ros
 from fault_cases.processes import run_undisturbed, same, words
 from fault_cases.system import peak_memory_mb, succeeds
@@ -137,7 +137,8 @@ def _watch_during(lab: Lab, trouble: Callable[[Place, ExitStack], str]) -> str:
     return f"{description}; {ending(lab.row())}; the view took at most {peak_mb} MB"
 
 
-for _name, _done, _act in (
+_MUST = "The trial runs on, and another client is served; the view takes less than 1 GB and ends by Ctrl-C."
+_CLIENTS = (
     (
         "malformed-frames",
         "Clients of the live view send what is no frame, no JSON, or asks for too much.",
@@ -153,9 +154,8 @@ for _name, _done, _act in (
         "20 clients of the live view subscribe to all and read nothing.",
         _slow,
     ),
-):
-    _must = "The trial runs on, and another client is served; the view takes less than 1 GB and ends by Ctrl-C."
-    add(FAMILY, _name, _done, _must, partial(_watch_during, trouble=_act))
+)
+add_all(FAMILY, _MUST, _watch_during, _CLIENTS)
 
 
 @case(MACHINE)
@@ -229,7 +229,10 @@ def _run_with_limit(lab: Lab, kind: int, most: int, over_ros: bool) -> str:
     return f"code {ended.code}: {ended.text}" if ended.code else ending(lab.row())
 
 
-for _name, _done, _kind, _most, _ros in (
+_MUST = (
+    "The run works, or ends with the reason and without a traceback; nothing is left."
+)
+_LIMITS = (
     (
         "little-memory",
         "A process may have 600 MB of addresses (ulimit -v).",
@@ -258,10 +261,8 @@ for _name, _done, _kind, _most, _ros in (
         0,
         True,
     ),
-):
-    _must = "The run works, or ends with the reason and without a traceback; nothing is left."
-    _act_limited = partial(_run_with_limit, kind=_kind, most=_most, over_ros=_ros)
-    add(MACHINE, _name, _done, _must, _act_limited)
+)
+add_all(MACHINE, _MUST, _run_with_limit, _LIMITS)
 
 
 @case(MACHINE)

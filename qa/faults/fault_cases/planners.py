@@ -3,7 +3,6 @@
 import shlex
 import sys
 from collections.abc import Sequence
-from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -121,14 +120,8 @@ shuts-down | planner_died |
 inf | invalid_command | inf m/s
     The planner commands an infinite speed.
 """
-for _kind, _outcome, _detail, _done in cases_of(_ENDS):
-    add(
-        FAMILY,
-        _kind,
-        _done,
-        _ends(_outcome),
-        partial(drive, kind=_kind, outcome=_outcome, detail=_detail),
-    )
+for _kind, _done, _outcome, _detail in cases_of(_ENDS):
+    add(FAMILY, _kind, _done, _ends(_outcome), drive, _kind, _outcome, _detail)
 _FAULTS = """
 wrong_type | wrong_message_type | String publisher exists
     The planner publishes std_msgs/String on /cmd_vel.
@@ -141,15 +134,9 @@ dies | planner_died | SIGKILL
 exits | planner_died | exited with code 3
     The planner exits with code 3 in the middle of the trial.
 """
-for _kind, _outcome, _detail, _done in cases_of(_FAULTS):
+for _kind, _done, _outcome, _detail in cases_of(_FAULTS):
     _name = _kind.replace("_", "-")
-    add(
-        FAMILY,
-        _name,
-        _done,
-        _ends(_outcome),
-        partial(faulty, kind=_kind, outcome=_outcome, detail=_detail),
-    )
+    add(FAMILY, _name, _done, _ends(_outcome), faulty, _kind, _outcome, _detail)
 _HARMLESS = """
 ignores-signals
     The planner ignores SIGINT, SIGTERM, SIGHUP and SIGQUIT.
@@ -163,13 +150,8 @@ two-publishers
     The planner has two publishers on /cmd_vel.
 """
 for _kind, _done in cases_of(_HARMLESS):
-    add(
-        FAMILY,
-        _kind,
-        _done,
-        "The trial runs to its timeout; nothing is left.",
-        partial(drive, kind=_kind, outcome="timeout"),
-    )
+    _must = "The trial runs to its timeout; nothing is left."
+    add(FAMILY, _kind, _done, _must, drive, _kind, "timeout")
 
 
 def _run_with_limit(lab: Lab, kind: str) -> str:
@@ -187,13 +169,8 @@ for _kind, _done in (
     ("too-fast", "The planner commands 200 m/s."),
     ("huge", "The planner commands 1e300 m/s."),
 ):
-    add(
-        FAMILY,
-        _kind,
-        _done,
-        "The robot's limits hold: no more than 2 m/s.",
-        partial(_run_with_limit, kind=_kind),
-    )
+    _must = "The robot's limits hold: no more than 2 m/s."
+    add(FAMILY, _kind, _done, _must, _run_with_limit, _kind)
 
 
 def _expect_refusal(lab: Lab, kind: str, words: str) -> str:
@@ -212,9 +189,9 @@ start | no such parameter: speed
 exits-early | exited with code 0 at its start
     The planner exits with code 0 before it has a node.
 """
-for _kind, _words, _done in cases_of(_EARLY):
+for _kind, _done, _words in cases_of(_EARLY):
     _must = "After three starts the run ends with one line that quotes the planner's log; exit code 3."
-    add(FAMILY, _kind, _done, _must, partial(_expect_refusal, kind=_kind, words=_words))
+    add(FAMILY, _kind, _done, _must, _expect_refusal, _kind, _words)
 _UNREADY = """
 never-ready | /cmd_vel
     The planner sleeps before it has a node.
@@ -223,22 +200,11 @@ wrong-topic | /command_velocity
 no-odometry | /odom
     The planner does not subscribe to /odom.
 """
-for _kind, _detail, _done in cases_of(_UNREADY):
+for _kind, _done, _detail in cases_of(_UNREADY):
     _must = "The trial ends as planner_not_ready, with what is missing; exit code 3."
     _options = ("--ros", "patience.start_s=40")
-    add(
-        FAMILY,
-        _kind,
-        _done,
-        _must,
-        partial(
-            drive,
-            kind=_kind,
-            outcome="planner_not_ready",
-            detail=_detail,
-            options=_options,
-        ),
-    )
+    _outcome = "planner_not_ready"
+    add(FAMILY, _kind, _done, _must, drive, _kind, _outcome, _detail, _options)
 
 
 @case(FAMILY)

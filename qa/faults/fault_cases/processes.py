@@ -8,14 +8,14 @@ import subprocess
 import threading
 import time
 from collections.abc import Callable
-from functools import cache, partial
+from functools import cache
 from typing import Any
 
 from fault_cases.kit import (
-    LIMIT_S,
     Lab,
     Row,
     add,
+    add_all,
     case,
     ending,
     hold,
@@ -41,7 +41,7 @@ def words(lab: Lab) -> list[object]:
 
 @cache
 def _drive_undisturbed() -> list[Row]:
-    lab = Lab(scratch(), LIMIT_S)
+    lab = Lab(scratch())
     lab.barn(*words(lab))
     return repeatable(lab.rows())
 
@@ -102,7 +102,7 @@ def _suspend(lab: Lab, pids: list[int], seconds: float) -> None:
 
 
 _MUST = "The trial is repeated and said to be; but for its attempts the row equals that of an undisturbed run."
-for _name, _done, _deed, _words in (
+_DEEDS = (
     (
         "simulator-killed",
         "The simulator gets SIGKILL.",
@@ -151,14 +151,8 @@ for _name, _done, _deed, _words in (
         lambda lab: kill(lab.nodes("running.worker")),
         "",
     ),
-):
-    add(
-        FAMILY,
-        _name,
-        _done,
-        _MUST,
-        partial(_expect_repetition, disturb=_deed, words_noted=_words),
-    )
+)
+add_all(FAMILY, _MUST, _expect_repetition, _DEEDS)
 
 
 @case(FAMILY)
@@ -206,7 +200,8 @@ for _number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
         _number.name.lower(),
         f"The run gets {_number.name} in the middle of the trial, and is then run again.",
         "It ends with code 130 and says how to resume; nothing is left; the row after that is the undisturbed one.",
-        partial(_stop, number=_number),
+        _stop,
+        _number,
     )
 
 
@@ -249,12 +244,14 @@ add(
     "supervisors-killed",
     "Run and worker get SIGKILL at once, while the planner has a daemon with an empty environment.",
     "Nothing is left, neither the nodes nor the daemon.",
-    partial(_kill_together, guards=0),
+    _kill_together,
+    0,
 )
 add(
     FAMILY,
     "supervisors-and-guard-killed",
     "Run, worker and the planner's guard get SIGKILL at once, while the planner has such a daemon.",
     "Nothing is left, neither the nodes nor the daemon.",
-    partial(_kill_together, guards=1),
+    _kill_together,
+    1,
 )

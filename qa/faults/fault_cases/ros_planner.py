@@ -116,15 +116,15 @@ def meet(_: Node) -> None:
     )
 
 
-def flood(planner: Node, megabytes: int, rate_hz: float) -> None:
-    """Publish messages of some megabytes at a rate while the scans are answered."""
+def flood(planner: Node, megabytes: int) -> None:
+    """Publish messages of some megabytes at 50 Hz while the scans are answered."""
     sender = planner.create_publisher(String, "flood", 10)
     message = String(data=megabytes * 1_000_000 * "x")
 
     def send() -> None:
         while True:
             sender.publish(message)
-            time.sleep(1.0 / rate_hz)
+            time.sleep(0.02)
 
     Thread(target=send, daemon=True).start()
 
@@ -133,8 +133,8 @@ def flood(planner: Node, megabytes: int, rate_hz: float) -> None:
 NODE_DEEDS: dict[str, Callable[[Node], object]] = {
     "crowd": crowd,
     "meet": meet,
-    "floods": lambda planner: flood(planner, 4, 50.0),
-    "floods-slowly": lambda planner: flood(planner, 1, 50.0),
+    "floods": lambda planner: flood(planner, 4),
+    "floods-slowly": lambda planner: flood(planner, 1),
 }
 DEEDS: dict[str, Callable[[], object]] = {
     "first-scan": lambda: sys.exit("cannot read a scan"),

@@ -1,16 +1,15 @@
 """Campaign files and protocols that were made to hurt."""
 
 import os
-from functools import partial
 
-from fault_cases.inputs import FAMILY, bytes_of, expect_refusal, text_of
-from fault_cases.kit import add
+from fault_cases.inputs import FAMILY, MUST, bytes_of, expect_refusal, text_of
+from fault_cases.kit import add_all
 
 _PROTOCOL = ("run", "--worlds", "0", "--out", "out", "--protocol")
 _CAMPAIGN = ("campaign",)
 _SCHEMA = "schema_version: 1\n"
 _DEEP = "[" * 3000 + "]" * 3000
-for _name, _done, _file, _make, _words in (
+_CASES = (
     (
         "campaign-aliases",
         "A campaign file whose YAML aliases stand for 10^9 values.",
@@ -102,11 +101,5 @@ for _name, _done, _file, _make, _words in (
         text_of(_SCHEMA + f"base: challenge\nname: x\nlimit_s: {'9' * 5000}\n"),
         _PROTOCOL,
     ),
-):
-    add(
-        FAMILY,
-        _name,
-        _done,
-        "Refused in one line that names the file, within 3 GB.",
-        partial(expect_refusal, name=_file, make=_make, words=_words),
-    )
+)
+add_all(FAMILY, MUST, expect_refusal, _CASES)

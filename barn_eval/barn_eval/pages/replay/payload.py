@@ -103,13 +103,13 @@ def bounds(recorded: RecordedTrial) -> list[float]:
     reach_m = 0.5 if scene is None else scene.goal_distance_m + 0.1
     for pose in (recorded.goal_pose(), scene.start if scene else None):
         if pose is not None:
-            areas.append((np.array([[pose.x, pose.y]]), max(0.5, reach_m)))
+            areas.append((np.array([pose.position]), max(0.5, reach_m)))
     if scene is not None and len(scene.cylinders_m):
         areas.append((scene.cylinders_m, 2.0 * scene.radius_m))
     if recorded.moving is not None and len(recorded.moving.walls.poses):
         areas.append((np.concatenate(recorded.moving.walls.outlines()), 0.25))
     if grid is not None:
-        corner = np.array([grid.origin_x, grid.origin_y])
+        corner = np.array(grid.origin)
         size = np.array(grid.data.shape[::-1]) * grid.resolution
         areas.append((np.stack([corner, corner + size]), 0.0))
 
@@ -135,7 +135,7 @@ def progress_m(recorded: RecordedTrial) -> Floats | None:
         return None
     ends = []
     for pose in (scene.start, scene.goal):
-        ends.append([[pose.x, pose.y]] if pose else np.empty((0, 2)))
+        ends.append([pose.position] if pose else np.empty((0, 2)))
     path = np.vstack([ends[0], scene.path_m, ends[1]])
     steps = np.diff(path, axis=0)
     # Repeated points make steps of no length, by which nothing can be divided.
@@ -159,7 +159,7 @@ def progress_m(recorded: RecordedTrial) -> Floats | None:
 
 def _pose_list(pose: Pose2D | None) -> list[float] | None:
     """Return x, y [m], yaw [rad] of a pose as a list; None without a pose."""
-    return None if pose is None else [pose.x, pose.y, pose.yaw]
+    return None if pose is None else [*pose.numbers]
 
 
 def _add_scene(recorded: RecordedTrial, arrays: Arrays) -> dict[str, float] | None:
@@ -201,8 +201,7 @@ def _add_moving(recorded: RecordedTrial, arrays: Arrays) -> dict[str, Any] | Non
 def _grid_list(grid: OccupancyMap, frame: Pose2D) -> list[float]:
     """Return columns, rows, resolution, origin x, y and frame x, y, yaw of a grid."""
     rows, columns = grid.data.shape
-    corner = [grid.origin_x, grid.origin_y]
-    return [columns, rows, grid.resolution, *corner, frame.x, frame.y, frame.yaw]
+    return [columns, rows, grid.resolution, *grid.origin, *frame.numbers]
 
 
 def _add_scans(recorded: RecordedTrial, arrays: Arrays) -> dict[str, float] | None:

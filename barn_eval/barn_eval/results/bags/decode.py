@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Iterable
-from operator import attrgetter
 from typing import Any
 
 from barn_eval.results.bags.bagfile import BagFile
@@ -24,21 +23,18 @@ _MAX_BEAMS = 100_000
 _MAX_LETTERS = 60
 _BASES = ("base_link", "base_footprint")  # of a robot, maybe with a prefix
 
-_numbers = attrgetter("x", "y", "yaw")  # of a pose
-
 
 def _odometry(data: bytes) -> Odometry:
     """Return the content of an Odometry message; MessageError if it is not finite."""
     odometry = decode.odometry(data)
-    velocity = odometry.velocity
-    _require_finite(velocity.linear, velocity.angular, *_numbers(odometry.pose))
+    _require_finite(*odometry.velocity.numbers, *odometry.pose.numbers)
     return odometry
 
 
 def _goal(data: bytes) -> Pose2D:
     """Return the pose in a PoseStamped message; MessageError if it is not finite."""
     goal = decode.pose(data)
-    _require_finite(*_numbers(goal))
+    _require_finite(*goal.numbers)
     return goal
 
 
@@ -64,7 +60,7 @@ def _grid(data: bytes) -> OccupancyMap:
     grid = decode.occupancy_map(data)
     if not 0 < grid.data.size <= _MAX_CELLS or grid.resolution <= 0.0:
         raise MessageError(f"a grid of {grid.data.size} cells of {grid.resolution} m")
-    _require_finite(grid.resolution, grid.origin_x, grid.origin_y)
+    _require_finite(grid.resolution, *grid.origin)
     return grid
 
 
@@ -75,7 +71,7 @@ def read_links(data: bytes) -> Links:
     """Return the finite transforms of a TFMessage as links; MessageError if malformed."""
     links = {}
     for transform in decode.transforms(data):
-        if all(map(math.isfinite, _numbers(transform.pose))):
+        if all(map(math.isfinite, transform.pose.numbers)):
             # In ROS 1, names of frames began with a slash.
             link = (transform.parent.lstrip("/"), transform.pose)
             links[transform.child.lstrip("/")] = link

@@ -208,7 +208,7 @@ def read_recorded_trial(path: Path, sources: Sources = NO_SOURCES) -> RecordedTr
     if map_frame != ORIGIN:
         notes.append(
             "map and plan are drawn where the obstacles stand, which is"
-            f" {math.hypot(map_frame.x, map_frame.y):.2f} m off in the planner's map"
+            f" {math.hypot(*map_frame.position):.2f} m off in the planner's map"
         )
     if not result:
         notes.append(

@@ -148,7 +148,7 @@ def test_worlds_are_shown_from_start_to_goal(report, name):
     for label, pose in (("start", course.start), ("goal", course.goal)):
         # Trails end with the planner's marker, which may be the same.
         line = next(line for line in axes.lines if line.get_label() == label)
-        assert tuple(line.get_xydata()[0]) == (pose.x, pose.y)
+        assert tuple(line.get_xydata()[0]) == pose.position
         assert left < pose.x < right and below < pose.y < above
 
 

@@ -27,7 +27,7 @@ DOCS = ROOT / "docs"
 @pytest.fixture(scope="module")
 def tiny(tmp_path_factory):
     """What ten worlds say, and the page."""
-    return reproduce_invented(TINY, tmp_path_factory.mktemp("out"))
+    return reproduce_invented(tmp_path_factory.mktemp("out"))
 
 
 @contextmanager
@@ -36,11 +36,11 @@ def invent_run(request, _reporter):
     yield SimpleNamespace(drive=lambda: write_invented(request.out, request.config))
 
 
-def reproduce_invented(config, out):
+def reproduce_invented(out):
     """Reproduce without driving."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(findings, "open_run", invent_run)
-        return reproduce(config, out)
+        return reproduce(TINY, out)
 
 
 def reproduce(config, out):
@@ -74,7 +74,7 @@ def test_only_trials_that_are_missing_are_driven(tmp_path):
 
 def test_a_second_run_writes_the_same_bytes(tiny, tmp_path):
     findings, path = tiny
-    again, elsewhere = reproduce_invented(TINY, tmp_path / "again")
+    again, elsewhere = reproduce_invented(tmp_path / "again")
     assert again == findings
     names = [
         "results.md",

@@ -8,8 +8,9 @@ from barn_worlds.base.errors import ConfigError
 
 
 @contextmanager
-def refused(words, error=ConfigError):
-    """Expect an error of one line in which a regular expression is found."""
-    with pytest.raises(error, match=words) as caught:
+def refused(pattern, kind=ConfigError, longest=400):
+    """Expect an error of one short line with a pattern in it."""
+    with pytest.raises(kind, match=pattern) as caught:
         yield caught
     assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < longest
