@@ -155,7 +155,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     `ExitCode` has the exit codes.
     """
     # Files name other files in UTF-8, which Python must expect of their names, too.
-    if arguments is None and sys.getfilesystemencoding() != "utf-8":
+    # `-X utf8=0` would otherwise restart this for ever.
+    is_restarted = os.environ.get("PYTHONUTF8") == "1"
+    is_utf8 = is_restarted or sys.getfilesystemencoding() == "utf-8"
+    if arguments is None and not is_utf8:
         os.environ["PYTHONUTF8"] = "1"
         utf8_mode = [sys.executable, "-X", "utf8", *sys.orig_argv[1:]]
         os.execv(sys.executable, utf8_mode)  # noqa: S606 (no shell)  # nosec B606
