@@ -10,7 +10,7 @@ TOOL = ROOT / "qa/checks/house.py"
 UPPER_BOUNDS = {
     "packages": {
         # The goal is 340,000; features came first, and cuts follow.
-        "tokens": 375_300,
+        "tokens": 375_450,
         "tuples": 10.0,
         "comprehensions": 30.0,
         "conditional expressions": 15.0,
@@ -27,7 +27,7 @@ LOWER_BOUNDS = {
     "packages": {"functions with Args [%]": 90.0, "comments [% of all lines]": 4.0}
 }
 # Tests may grow by about twice what the packages grow by.
-ALL_TOKENS = 791_960
+ALL_TOKENS = 792_200
 
 
 @pytest.fixture(scope="module")

@@ -247,6 +247,11 @@ def read_policy(path: Path) -> Policy:
         str(path),
     )
 
+    if len(arrays) > 2 * len(layers):
+        raise PolicyError(
+            f"{path}: must have {2 * len(layers)} arrays for its {len(layers)} layers, "
+            f"got {len(arrays)}"
+        )
     # The header is what people and tools read, so it must not contradict the numbers.
     if policy.layers != header.layers:
         raise PolicyError(

@@ -167,6 +167,10 @@ DAMAGED = {
         with_member("weights_0.npy", pickled()),
         "Object arrays cannot be loaded",
     ),
+    "weights too many": (
+        with_member("weights_9.npy", encode_npy(NAN)),
+        "must have 4 arrays for its 2 layers, got 5",
+    ),
     "bomb": (with_member("filler", bytes(65 * 1024 * 1024)), "unpacks to more than"),
 }
 

@@ -190,6 +190,9 @@ class GazeboFile:
                 "must be <sdf> with one <world>, "
                 f"got <{self._root.tag:.60}> with {len(worlds)}"
             )
+        version = self._root.get("version", "1.6")
+        if not version.strip().startswith("1."):
+            raise self._error(f"version of <sdf> must be 1.x, got {version!r:.60}")
         world = worlds[0]
         # Gazebo Classic applies only the first state: insertions, then deletions.
         state = world.find("state")

@@ -297,6 +297,10 @@ EXTERNAL = b'<!DOCTYPE x [<!ENTITY f SYSTEM "file:///etc/passwd">]><sdf><world>&
         (EXTERNAL, "document types and entities are not allowed"),
         (b"<sdf><world/></sdf>", "contains no cylinders"),
         (
+            b"<sdf version='2.0'><world/></sdf>",
+            "version of <sdf> must be 1.x, got '2.0'",
+        ),
+        (
             b"<gazebo><world/></gazebo>",
             "must be <sdf> with one <world>, got <gazebo> with 1",
         ),

@@ -30,7 +30,7 @@ from zstandard import ZstdDecompressor, ZstdError
 from barn_eval.results.bags import BAGS
 from barn_eval.results.bags.recorder import PARTIAL
 from barn_worlds.base.errors import BagError, convert_os_errors, format_error
-from barn_worlds.base.files import open_regular
+from barn_worlds.base.files import open_regular, read_bytes
 from barn_worlds.base.types import seconds
 from barn_worlds.messages.cdr import jazzy_types
 
@@ -60,12 +60,15 @@ DAMAGE = (
 # Bytes of all messages of a bag, and bytes of memory per message besides its data.
 LARGEST_BAG = 1 << 29
 MESSAGE_BYTES = 256
+_LARGEST_METADATA = 1 << 24
 
 _LATEST_NS = (1 << 63) - 1  # no ROS clock reads more
 _BLOCK = 1 << 20
 
 # Endings of files and of files compressed as a whole, in the order of preference.
 _ENDINGS = (".mcap", ".mcap.zstd", ".db3", ".db3.zstd", ".bag")
+# Newer versions list the files twice, as `- NAME` and as `- path: NAME`.
+_PART_NAMES = re.compile(r"^ *- (?:path: )?(\S+\.(?:mcap|db3)(?:\.zstd)?) *$", re.M)
 _ZSTD = b"\x28\xb5\x2f\xfd"  # how a compressed message begins
 _TOPICS = "SELECT id, name, type, serialization_format FROM topics"
 _MESSAGES = "SELECT topic_id, timestamp, data FROM messages ORDER BY timestamp, id"
@@ -315,8 +318,20 @@ class BagFile:
         for ending in _ENDINGS:
             files = sorted(path.glob(f"*{ending}"), key=_part_key)
             if files:
-                return files
-        raise BagError(f"{path}: holds no bag (no {', '.join(_ENDINGS)} file)")
+                break
+        else:
+            raise BagError(f"{path}: holds no bag (no {', '.join(_ENDINGS)} file)")
+
+        metadata = path / "metadata.yaml"
+        if metadata.is_file():
+            text = read_bytes(metadata, _LARGEST_METADATA).decode("utf-8", "replace")
+            parts = set(_PART_NAMES.findall(text))
+            if len(parts) > len(files):
+                raise BagError(
+                    f"{path}: has {len(files)} of the {len(parts)} files that"
+                    f" {metadata.name} lists; add the others, or name one file"
+                )
+        return files
 
     def _read(self) -> Iterator[RawMessage]:
         """Yield messages of all files up to a problem; BagError if nothing was read."""

@@ -190,6 +190,13 @@ def test_folders_without_a_bag_are_refused(tmp_path):
         read_recorded_trial(tmp_path)
 
 
+def test_a_bag_that_lacks_one_of_its_files_is_refused(tmp_path):
+    (tmp_path / "a_0.mcap").touch()
+    (tmp_path / "metadata.yaml").write_text("  - a_0.mcap\n  - path: a_1.mcap\n")
+    with refused("has 1 of the 2 files that metadata.yaml lists", BagError):
+        read_recorded_trial(tmp_path)
+
+
 def test_a_bag_of_something_else_is_refused(tmp_path):
     with Recorder(tmp_path / "talk") as recorder:
         recorder.add_topic("/chatter", "std_msgs/msg/String")
