@@ -205,7 +205,7 @@ def _(folder: Path) -> str:
     with PageServer(folder / "a", port=0) as server:
         headers = {"Origin": "http://evil.test"}
         try:
-            urlopen(Request(f"{server.url}state", headers=headers))  # noqa: S310
+            urlopen(Request(f"{server.url}state", headers=headers))  # noqa: S310  # nosec B310
         except HTTPError as error:
             return f"{error.code}: {error.read().decode()}"
     return ""
