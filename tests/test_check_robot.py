@@ -62,10 +62,10 @@ def test_what_it_prints(tmp_path):
     size = "0.342 x 0.342 x 0.351 m, 3.945 kg"
     assert first == f"turtlebot4: differential, {size}, up to 0.46 m/s, 1.9 rad/s"
     assert "stop turning" in passed and "arc to the right" in passed
-    verdict = r"turtlebot4 drives as theory says: at most \d\.\d % off, 3% allowed"
+    verdict = r"turtlebot4 drives as theory says: at most \d\.\d% off, 3% allowed"
     assert re.fullmatch(verdict, last)
     failed = output(1, late)
-    assert " % !" in failed and "does not drive as theory says in" in failed
+    assert "% !" in failed and "does not drive as theory says in" in failed
     assert json.loads(output(0, mine, "--json"))["passed"] is True
     assert json.loads(output(1, late, "--json"))["passed"] is False
     assert "none.yaml: No such file" in CliRunner().invoke(main, ["none.yaml"]).output

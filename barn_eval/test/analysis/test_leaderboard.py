@@ -219,7 +219,7 @@ def test_a_board_begins_with_its_conclusion_and_cautions(write_rows):
     text = markdown([board])
     short, verdict, few, caption = text.split("\n\n")[2:6]
     assert re.fullmatch(r"gap ranks first; .* \(p = 0\.\d+, 8 worlds\)\.", short)
-    failures = r"Failures in up to \d+\.\d % of gap's and \d+\.\d % of DWA's trials cannot be ruled out\."
+    failures = r"Failures in up to \d+\.\d% of gap's and \d+\.\d% of DWA's trials cannot be ruled out\."
     assert re.search(failures, verdict)
     assert few.startswith("Only 8 worlds: with fewer than 10")
     assert caption.startswith("Ranked by challenge metric")

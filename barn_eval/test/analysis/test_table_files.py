@@ -109,7 +109,7 @@ HEAD;,1,0,timeout,;     | line 2: planner '': must be a name
 def test_a_bad_table_is_refused_in_one_line(tmp_path, text, words):
     path = tmp_path / "bad.csv"
     path.write_text(text.replace("HEAD", HEAD.strip()).replace(";", "\n"))
-    with refused(words):
+    with refused(words, longest=600):
         read_table_file(path)
 
 

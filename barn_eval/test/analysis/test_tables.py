@@ -56,7 +56,7 @@ def test_figures_are_those_of_the_trials_that_all_have():
 def test_columns_caption_and_label_are_chosen_and_names_are_text(folder):
     columns = ["success", "traversal_time_s", "mean_speed_mps"]
     text = barn.load(folder).latex(columns, caption="50% of a_b", label="tab:mine")
-    assert r"\caption{50 \% of a\_b}" in text and r"\label{tab:mine}" in text
+    assert r"\caption{50\% of a\_b}" in text and r"\label{tab:mine}" in text
     headings = r"planner & success [\%] $\uparrow$ & time of successes [s] $\downarrow$ & mean speed [m/s] \\"
     assert headings in text
     hostile = paper_table({r"\input{x} & [": results(worlds=4)})
