@@ -356,8 +356,8 @@ def test_a_terminal_shows_the_planners_as_they_drive(show):
     output, _ = show(12, [], events, force_terminal=True, width=80)
     shown = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", output)
     rows = [line.split() for line in shown.splitlines()]
-    assert ["dwa", "6", "100", "%", "0.400"] in rows
-    assert ["gap", "6", "100", "%", "0.390"] in rows
+    assert ["dwa", "6", "100%", "0.400"] in rows
+    assert ["gap", "6", "100%", "0.390"] in rows
 
 
 def test_what_is_waited_for_is_said_once(show):

@@ -203,7 +203,7 @@ def test_worlds_that_have_changed_are_refused(whole, run_here, tmp_path):
     shutil.copytree(whole[1], out)
     with edit_run(out) as content:
         content["worlds"]["100"] = "0" * 64
-    with refused("another checksum of world: 100 is '0000"):
+    with refused("a different checksum of world: 100 is '0000"):
         run_here(out=out)
 
 

@@ -58,7 +58,7 @@ def test_eight_protocols_are_offered():
 def test_a_built_in_name_stands_for_the_built_in_rules(name):
     check_protocol_name(PROTOCOLS[name])
     with refused(
-        rf"name: '{name}' is built in with another goal_distance_m; choose another"
+        rf"name: '{name}' is built in with another goal_distance_m; choose a different"
     ):
         check_protocol_name(replace(PROTOCOLS[name], goal_distance_m=4.0))
 

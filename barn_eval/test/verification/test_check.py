@@ -106,7 +106,7 @@ def test_a_row_that_was_changed_is_named(folder, command, place, change, words):
         ),
         (
             lambda out: (out / "tracks.jsonl").unlink(),
-            "gap_w0000_r00: no track, though the robot drove",
+            "gap_w0000_r00: has no track, though the robot drove",
         ),
         (
             lambda out: shutil.rmtree(out / "bags" / "gap_w0000_r00"),

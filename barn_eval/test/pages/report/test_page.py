@@ -71,7 +71,7 @@ def test_json_within_a_script_cannot_leave_it():
 
 
 def test_latex_takes_any_text():
-    assert latex_text("50% of a_b & {c}\n") == r"50 \% of a\_b \& \{c\} "
+    assert latex_text("50% of a_b & {c}\n") == r"50\% of a\_b \& \{c\} "
     text = r"$-$0.5 [$-$1.0, 2.0] a-1 2-3 \textless{}x\textgreater{}"
     assert latex_text("-0.5 [-1.0, 2.0] a-1 2-3 <x>") == text
     table = TextTable("t", "title", ("a", "b"), (("x_1", "2"),))
