@@ -509,7 +509,7 @@ def only_pose(message, name="/mocap"):
 )
 def test_what_is_missing_is_said_in_one_line(nearer, tmp_path, change, options, words):
     path = write_bag(tmp_path / "lab", messages_of(nearer, change))
-    with refused(words, BagError, longest=800):
+    with refused(words, BagError, longest=1200):
         judge([path], tmp_path / "out", JudgeOptions(**options))
     assert not (tmp_path / "out").exists()
 
