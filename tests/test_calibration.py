@@ -191,7 +191,7 @@ world,path_length_m,dwa_1 |          | at least one world
 world,path_length_m,dwa_1 | 0,5.0,soon | line 2: dwa_1 must be a number above 0, got 'soon'
 world,path_length_m,dwa_1 | 0,-1,10  | line 2: path_length_m must be a number above 0, got '-1'
 world,path_length_m,eband_1 | 0,5,10 | has times of eband, the results of none of these
-world,path_length_m,dwa_1 | 55,5,10  | has no world in common with the results of DWA
+world,path_length_m,dwa_1 | 55,5,10  | no world in common with the results of DWA
 world,path_length_m,dwa_1 | 0,6,10   | the path of world 0 is 6.000 m there and 5.000 m in the results
 """
 
@@ -249,7 +249,6 @@ MISTAKES = """
 reference | none.csv           | none.csv: No such file or directory
 folder    | nowhere            | nowhere: holds no results of a run
 figure    | scatter.bmp        | scatter.bmp: must end in .png, .svg, .pdf
-figure    | absent/scatter.png | cannot be written
 """
 
 

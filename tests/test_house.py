@@ -27,7 +27,7 @@ LOWER_BOUNDS = {
     "packages": {"functions with Args [%]": 90.0, "comments [% of all lines]": 4.0}
 }
 # Tests may grow by about twice what the packages grow by.
-ALL_TOKENS = 792_200
+ALL_TOKENS = 792_300
 
 
 @pytest.fixture(scope="module")

@@ -23,13 +23,14 @@ TESTS = Path(__file__).resolve().parents[2] / "barn_eval" / "test"
 sys.path.insert(0, str(TESTS))
 
 import inside  # noqa: E402
-import outside  # noqa: E402
-import records  # noqa: E402, F401 (adds its attacks)
+import outside  # noqa: E402, F401 (adds its attacks)
+import records  # noqa: E402, F401
 from forgery import edit_run, forge, won  # noqa: E402
 from planners import Straight, run_inline  # noqa: E402
 from report_work import rewrite_rows  # noqa: E402
 
 import barn_eval as barn  # noqa: E402
+from barn_eval.analysis.leaderboard import make_boards  # noqa: E402
 from barn_eval.results.commands import parse_commands_line  # noqa: E402
 from barn_eval.results.tracks import pack_arrays  # noqa: E402
 from barn_eval.ros.isolation import probe_isolation  # noqa: E402
@@ -66,7 +67,7 @@ def driven(*planners: str, **options: Any) -> Path:
 def copy(folder: Path) -> Path:
     """Return a copy of a folder, to be forged."""
     number = len(list(SCRATCH.iterdir()))
-    return shutil.copytree(folder, SCRATCH / f"forged{number}" / "out")
+    return Path(shutil.copytree(folder, SCRATCH / f"forged{number}" / "out"))
 
 
 def forged(change: Callable[[Path], object], *planners: str, **options: Any) -> str:
@@ -148,13 +149,15 @@ def board_of_part() -> str:
     problem = inside.describe_check(part)
     if problem:
         return problem
-    return outside.find_note([whole, part], "other trials")
+    notes = [note for board in make_boards([whole, part]) for note in board.notes]
+    return next((note for note in notes if "other trials" in note), "")
 
 
 def rank_twins() -> str:
     """Enter one planner twice, so that one of them leads or others lose a test."""
     folder = driven("other", "twin", worlds="0,120")
-    return outside.find_note([folder], "equal commands")
+    (board,) = make_boards([folder])
+    return next((note for note in board.notes if "equal commands" in note), "")
 
 
 def shuffle() -> str:

@@ -57,9 +57,6 @@ def try_in_folder(act: Callable[[Path], str]) -> str:
 class Loser(Straight):  # type: ignore[misc]
     """Drives blindly at its goal, and does something before it hits a post."""
 
-    # Of its class, in which it has come that far.
-    attempts = 0
-
     def start(self, task: Task, seed: int) -> None:
         """Begin a trial."""
         super().start(task, seed)
@@ -69,10 +66,7 @@ class Loser(Straight):  # type: ignore[misc]
         """Return the command of this cycle."""
         self.cycles += 1
         decision: Decision = super().step(observation)
-        if self.cycles != LOST:
-            return decision
-        type(self).attempts += 1
-        return self.escape(decision)
+        return self.escape(decision) if self.cycles == LOST else decision
 
     def escape(self, decision: Decision) -> Decision:
         """Return what saves it."""
@@ -90,9 +84,12 @@ class Unreadable(Loser):
 class Interrupting(Loser):
     """Ends the run as Ctrl-C does, in its first attempt."""
 
+    attempts = 0
+
     def escape(self, decision: Decision) -> Decision:
         """Interrupt the run once."""
-        if self.attempts == 1:
+        Interrupting.attempts += 1
+        if Interrupting.attempts == 1:
             raise KeyboardInterrupt
         return decision
 
@@ -100,10 +97,14 @@ class Interrupting(Loser):
 class Refusing(Loser):
     """Ends the run, as a mistake of the user does, where its view is recorded."""
 
+    attempts = 0
+
     def view(self) -> PlannerView:
         """Refuse once."""
-        if self.cycles == LOST and self.attempts == 1:
-            raise barn.BarnError("name another folder")
+        if self.cycles >= LOST:
+            Refusing.attempts += 1
+            if Refusing.attempts == 1:
+                raise barn.BarnError("name another folder")
         view: PlannerView = super().view()
         return view
 

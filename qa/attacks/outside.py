@@ -8,14 +8,14 @@ import time
 import tracemalloc
 from contextlib import closing
 from dataclasses import replace
+from http import HTTPStatus
+from http.client import HTTPConnection
 from io import StringIO
 from pathlib import Path
 from typing import Any
-from urllib.error import HTTPError
-from urllib.request import Request, urlopen
 
 from foreign_bags import edited, messages_of, write_bag
-from inside import Loser, attack, drive
+from inside import attack, drive
 from planners import Steady, Straight, open_field, run_inline, spec_of
 from rich.console import Console
 from rosbags.rosbag1 import Writer
@@ -60,10 +60,13 @@ class Thinking(Planner):
         return Decision(Velocity2D(0.5, 0.0))
 
 
-class Shouting(Loser):
+class Shouting(Planner):
     """Fails with a text that steers the terminal."""
 
-    def escape(self, decision: Decision) -> Decision:  # noqa: ARG002
+    def start(self, task: Task, seed: int) -> None:
+        """Begin a trial."""
+
+    def step(self, observation: Observation) -> Decision:  # noqa: ARG002
         """Raise an error."""
         raise RuntimeError("\x1b[2J\x1b[32mbetter than all \x9b1A\u202e")
 
@@ -203,9 +206,10 @@ def _(folder: Path) -> str:
 def _(folder: Path) -> str:
     drive(folder / "a", Straight, "0")
     with PageServer(folder / "a", port=0) as server:
-        headers = {"Origin": "http://evil.test"}
-        try:
-            urlopen(Request(f"{server.url}state", headers=headers))  # noqa: S310  # nosec B310
-        except HTTPError as error:
-            return f"{error.code}: {error.read().decode()}"
-    return ""
+        _, _, place = server.url.strip("/").partition("//")
+        connection = HTTPConnection(place, timeout=30.0)
+        connection.request("GET", "/state", headers={"Origin": "http://evil.test"})
+        answer = connection.getresponse()
+        text = f"{answer.status}: {answer.read().decode()}"
+        connection.close()
+    return "" if answer.status == HTTPStatus.OK else text

@@ -56,9 +56,12 @@ class Vandal(Straight):  # type: ignore[misc]
 class Learner(Loser):
     """Stops, in the second trial of a process, where the first one ended."""
 
+    trials = 0
+
     def escape(self, decision: Decision) -> Decision:
         """Return a command that depends on the trials before."""
-        return replace(decision, command=STOP) if self.attempts == 2 else decision
+        Learner.trials += 1
+        return replace(decision, command=STOP) if Learner.trials == 2 else decision
 
 
 class Guesser(Straight):  # type: ignore[misc]
@@ -216,8 +219,11 @@ def starve(out: Path, limit: int) -> str:
     """Let a planner set a limit of its process, with which a run cannot go on."""
 
     class Starving(Loser):
+        attempts = 0
+
         def escape(self, decision: Decision) -> Decision:
-            if self.attempts == 1:
+            Starving.attempts += 1
+            if Starving.attempts == 1:
                 resource.setrlimit(limit, (0, most))
             return decision
 
