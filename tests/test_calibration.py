@@ -248,6 +248,7 @@ def test_command_draws_and_prints(tmp_path, suffix, magic):
 MISTAKES = """
 reference | none.csv           | none.csv: No such file or directory
 folder    | nowhere            | nowhere: holds no results of a run
+figure    | run/run.json/a.png | cannot be written
 figure    | scatter.bmp        | scatter.bmp: must end in .png, .svg, .pdf
 """
 

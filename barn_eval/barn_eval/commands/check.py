@@ -140,12 +140,12 @@ def submit(folder: Path, out: Path | None, container: str) -> None:
 )
 @json_option
 def verify(file: Path, out: Path | None, as_json: bool) -> None:
-    """Verify a FILE that `barn submit` wrote. Any machine with the same release can do so.
+    """Verify a FILE that `barn submit` wrote.
 
-    The command recomputes every score and simulates every trial again from its
-    commands. Anything that cannot be checked counts as a failure. Each failure is
-    printed on one line. If there is a failure, the exit code is 1 and --out is not
-    written.
+    Any machine with the same release can do so. The command recomputes every score and
+    simulates every trial again from its commands. Anything that cannot be checked
+    counts as a failure. Each failure is printed on one line. If there is a failure, the
+    exit code is 1 and --out is not written.
     """
     # Results that failed must not stay in a folder that others then rank.
     with TemporaryDirectory() if out is None else create_folder(out) as folder:

@@ -55,8 +55,8 @@ def command(
 ) -> None:
     """Rank the planners of FOLDERS of runs.
 
-    Planners share a rank if they do not differ significantly. The command prints a board for each
-    protocol and each set of worlds.
+    Planners share a rank if they do not differ significantly. The command prints a
+    board for each protocol and each set of worlds.
     """
     if convention is not None:
         if by or out or worlds != "all":

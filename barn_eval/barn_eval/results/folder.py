@@ -116,8 +116,8 @@ class ResultsFolder:
             The open folder.
 
         Raises:
-            ConfigError: If the folder holds results of a different run, of other worlds, or
-                anything else, or if another process works in it.
+            ConfigError: If the folder holds results of a different run, of other
+                worlds, or anything else, or if another process works in it.
             StoreError: If the folder cannot be written.
         """
         run_file = RunFile.for_run(path, config, specs)

@@ -125,7 +125,8 @@ def split_planner_objects(
         # Results of two planners under one name would be compared as one.
         if planner.name in planner_names():
             raise ConfigError(
-                f"planner {planner.name!r}: is a registered planner; give your planner a different name"
+                f"planner {planner.name!r}: is a registered planner; give your planner"
+                " a different name"
             )
         objects[planner.name] = planner
         choices.append(PlannerChoice(planner.name, source=fingerprint(source)))

@@ -138,7 +138,7 @@ class Executable:
             # If that fails, the planner says which modules are missing, and the log why.
             words = [sys.executable, "-m", _TYPE_BUILDER, str(types), f"{prefix}/share"]
             words += map(str, self.sources())
-            with types.with_suffix(".log").open("wb") as log:
+            with types.with_suffix(".log").open("ab") as log:
                 subprocess.run(words, stdout=log, stderr=log, check=False)  # noqa: S603
         variables = {}
         for key, folders in (
@@ -206,9 +206,10 @@ def find_executable(text: str) -> Executable:
             for file in files
             if file.suffix == ".py" and "Twist" in _read(file)
         ]
+        hint = f": {', '.join(commanding)}" if commanding else ""
         raise ConfigError(
             f"{subject}: no package (package.xml) in {path}; give a single file as"
-            f" FILE.py or FILE.py:FUNCTION: {', '.join(commanding)}"
+            f" FILE.py or FILE.py:FUNCTION{hint}"
         )
     if ":" in name:
         return Executable(name.partition(":")[0], packages[0], name)

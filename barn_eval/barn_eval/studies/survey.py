@@ -98,8 +98,8 @@ def survey_course(
         BagError: If the bag has no scans, or they do not fit the plan.
     """
     returns, places = _select_scans(trial)
-    has_truth = trial.frame in FIXED_FRAMES
-    if has_truth:
+    is_in_world_frame = trial.frame in FIXED_FRAMES
+    if is_in_world_frame:
         start = trial.pose(0)
 
     # First fit each scan to the plan, so that errors of the odometry do not add up.
@@ -147,7 +147,7 @@ def survey_course(
         noise_m = 1.4826 * float(np.median(np.abs(matches[:, 2] / matches[:, 6])))
 
     datum = "plan"
-    if has_truth:
+    if is_in_world_frame:
         datum = f"poses in frame {trial.frame}"
         centers_m = _fit(poses[:, :2], recorded_m).transform(centers_m)
     counts = np.bincount(matches[:, 1].astype(int), minlength=len(plan_m))

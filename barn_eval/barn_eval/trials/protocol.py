@@ -490,7 +490,8 @@ def check_protocol_name(protocol: Protocol, where: str = "") -> None:
     for item in fields(Protocol):
         if getattr(built_in, item.name) != getattr(protocol, item.name):
             raise ConfigError(
-                f"{where}name: {protocol.name!r} is built in with another {item.name}; choose a different name"
+                f"{where}name: {protocol.name!r} is built in with another {item.name};"
+                " choose a different name"
             )
 
 

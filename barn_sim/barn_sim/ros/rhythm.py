@@ -110,6 +110,7 @@ class Rhythm:
             self._judge_unasked(now_s - self._commands_s[0])
             return
         if self._is_searching and len(self._commands_s) == _WAITS_BEFORE_HOLD:
+            # So many at one instant come from a timer on the wall clock.
             self._answers_s = self._commands_s
             self._judge_unasked(math.inf)
             return

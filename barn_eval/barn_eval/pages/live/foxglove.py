@@ -125,6 +125,7 @@ class FoxgloveStream:
         self._latched.clear()
         self._new_channel_ids.clear()
         self._server.clear_session()
+        # Without a readable run file, the truth stays hidden.
         with suppress(BarnError):
             run = RunFile.read(self._folder).run_config()
             self._shows_truth = run.mode == "direct" or run.ros.ground_truth
